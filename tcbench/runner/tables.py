@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 from ..errors import TcbenchError, UnknownNameError, matching
 from ..studies.base import find_study, in_order, known_tables, study_names
 from ..study import Study
+from ..table import Table
 from .cell import identity_of
 from .rows import Rows, Store
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-ASKED_FOR = frozenset({"integrator", "scenario", "status"})  # columns by which whoever reads a table tells its rows
 
 
 def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
@@ -47,7 +46,7 @@ def made_and_kept(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFra
         except TcbenchError as error:
             store.problems.append(str(error))
             continue
-        lacking = ASKED_FOR.intersection(known_of[name].names if name in known_of else ()).difference(found)
+        lacking = _asked_for(known_of.get(name)).difference(found) if len(found) else ()
         if lacking:
             store.problems.append(f"The table {name} has no column {', '.join(sorted(lacking))}: it is left out.")
         else:
@@ -55,6 +54,15 @@ def made_and_kept(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFra
     kept = {name: kept[name] for name in names if name in kept}
     made, kept = ({name: table for name, table in found.items() if len(table)} for found in (tables, kept))
     return made, kept
+
+
+def _asked_for(table: Table | None) -> set[str]:
+    """The columns by which whoever reads a table tells its rows: of methods on scenarios, and of single runs."""
+    if table is None or "claim" in table.key:
+        return set()
+    return {"integrator", "scenario", *(["status"] if {"dt", "control"}.intersection(table.key) else [])}.intersection(
+        table.names
+    )
 
 
 def _studies(store: Rows) -> tuple[list[Study], list[str]]:

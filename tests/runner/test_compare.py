@@ -200,7 +200,7 @@ def test_points_of_an_ensemble_are_told_apart_by_seed_and_value(tmp_path):
 
 def test_rows_that_nothing_tells_apart_are_not_compared_and_a_sentence_says_so(tmp_path):
     def table(folder, values):
-        rows = [{"integrator": "m", "scenario": "s", "dt": 0.1, "what": v} for v in (*values, 0)]
+        rows = [{"integrator": "m", "scenario": "s", "status": "ok", "dt": 0.1, "what": v} for v in (*values, 0)]
         return published(tmp_path / folder, {"conservation": [*rows[:-1], rows[-1] | {"dt": 0.2}]})
 
     found = compare(table("a", [1, 2]), table("b", [2, 1]))
