@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from fnmatch import fnmatchcase
 from typing import Any
@@ -154,14 +154,17 @@ class Table:
 def from_dict(data: Mapping[str, Any]) -> Table | None:
     """The table of what a run folder says; None where that is no table."""
     try:
-        columns: Iterable[Any] = data.get("columns", ())
-        parts = {name: tuple(v) if isinstance(v, list) else v for name, v in data.items()}
-        made = [
-            one if isinstance(one, str) else Column(**{**one, "good": tuple(one.get("good", ()))}) for one in columns
-        ]
-        return Table(**{**parts, "columns": tuple(made)})
+        parts = _tuples(data)
+        columns = (one if isinstance(one, str) else Column(**_tuples(one)) for one in parts.get("columns", ()))
+        parts["columns"] = tuple(columns)
+        return Table(**parts)
     except (TypeError, ValueError, AttributeError, TcbenchError):
         return None
+
+
+def _tuples(data: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON has lists in their place."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in data.items()}
 
 
 def _told(one: Column | Table) -> dict[str, Any]:
