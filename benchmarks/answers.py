@@ -32,7 +32,8 @@ def collect(folder):
     return {
         "machine": manifest["machine"]["cpu"], "version": manifest["tcbench"],
         "ended": str(manifest["ended"])[:10],
-        "sentences": [[f.title, f.lead, f.text] for f in findings(found, tables)],
+        "sentences": [[one.title, one.lead, "; ".join([one.text, *one.more])]
+                      for one in findings(found, tables, store.declared())],
         "ladder": coarsest(tables["work_precision"]),
         "coarse": {m: {"temperatures": heat[m], "entropy": made.get(m, {})} for m in COARSE if m in heat},
     }  # fmt: skip
