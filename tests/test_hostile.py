@@ -10,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import awkward
 import pytest
 from click.testing import CliRunner
 
@@ -20,6 +21,7 @@ from tcbench.report.publish import publish
 from tcbench.report.write_report import write_report
 from tcbench.runner.compare import compare, other_machine
 from tcbench.runner.rows import Store
+from tcbench.runner.tables import read_tables
 
 BASELINE = Path(__file__).resolve().parents[1] / "results" / "baseline"
 
@@ -147,3 +149,26 @@ def test_a_link_to_itself_is_written_over_or_refused_in_a_sentence(folder, tmp_p
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1) and link.is_symlink(), done.stderr
     words = ["simulate", "tc_monolithic", "short_term", "--t-end", "1", "--csv", str(link)]
     assert CliRunner().invoke(main, words).exit_code == 0 and link.read_text().startswith("t,")
+
+
+@pytest.mark.parametrize("value", [5, "x", None, [1], {"a": 5}, True, 10**400], ids=lambda v: str(v)[:9])
+def test_parts_of_a_folder_that_are_not_what_tcbench_writes_are_left_out_with_a_sentence(tmp_path, value):
+    """They were tracebacks: claims that are a number, a git state that is one, a table without status."""
+    folder = awkward.write_run(
+        tmp_path / "run", awkward.everything(["tc_monolithic"], ["short_term"]), (),
+        awkward.declared(["tc_monolithic"], ["short_term"]),
+    )  # fmt: skip
+    for name, key in (("declared.json", "integrators"), ("manifest.json", "git")):
+        data = json.loads((folder / name).read_text())
+        data |= {key: value if key == "git" else {"tc_monolithic": data[key]["tc_monolithic"] | {"claims": value}}}
+        (folder / name).write_text(json.dumps(data))
+    for path in (folder / "tables").glob("conservation.*"):
+        path.unlink()
+    (folder / "tables" / "conservation.csv").write_text("integrator,scenario,dt\na,b,0.1\n")
+    store = Store.read(folder)
+    assert write_report(folder).exists() and "claims" not in store.declared().get("integrators", {}).get(
+        "tc_monolithic", {}
+    )
+    tables = read_tables(store)
+    told = " ".join(store.problems)
+    assert "conservation" not in tables and "has no column status" in told and "declared.json" in told
