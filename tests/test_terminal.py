@@ -88,3 +88,9 @@ def test_the_conservation_table_has_every_invariant_and_metric_and_no_empty_colu
     run = awkward.write_run(tmp_path / "run", {"conservation": table})
     head = CliRunner().invoke(main, ["show", str(run), "--table", "conservation"]).output.splitlines()[2]
     assert "casimir_error_max" in head and "hottest" in head and "|dJ|/J" not in head
+
+
+def test_control_characters_do_not_reach_latex():
+    from tcbench.report.latex import text
+
+    assert text("a\x1b[2J\x00b\r_c") == r"a [2J b \_c"

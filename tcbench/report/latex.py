@@ -31,7 +31,8 @@ def to_latex(table: DataFrame, known: Table) -> str:
 
 def text(words: Any) -> str:
     """Words as LaTeX prints them."""
-    return "".join(SPECIAL.get(letter, letter) for letter in str(words))
+    plain = (letter if letter.isprintable() else " " for letter in str(words))  # control characters are no text
+    return "".join(SPECIAL.get(letter, letter) for letter in plain)
 
 
 def cell(value: Any) -> str:
