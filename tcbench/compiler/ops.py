@@ -238,12 +238,13 @@ def rewritten(text: str, known: Collection[str]) -> str:
     for row in reversed(OPERATIONS.values()):
         if row.same and row.name not in known:
             call = re.compile(rf"\b{row.name}\(([^(),]+|\([^()]*\))(?:, ([^(),]+|\([^()]*\)))?\)")
-            text = call.sub(lambda found, same=row.same: "(" + _written(same, found[1], found[2]) + ")", text)
+            text = call.sub(partial(_replaced, row.same), text)
     return text
 
 
-def _written(same: str, x: str, z: str) -> str:
-    return re.sub(r"\b[xz]\b", lambda letter: f"({x})" if letter[0] == "x" else f"({z})", same)
+def _replaced(same: str, call: re.Match[str]) -> str:
+    """The formula of a call in the text, in brackets."""
+    return "(" + re.sub(r"\b[xz]\b", lambda letter: f"({call[1 if letter[0] == 'x' else 2]})", same) + ")"
 
 
 def formulas_may_call() -> str:
