@@ -30,7 +30,7 @@ def test_series_begin_with_the_rates_and_lanes_and_plain_python_agree(name, monk
     for width, work in ((4, 1.0), (1, 1.0), (4, -1.0)):
         monkeypatch.setattr(lanes, "WIDTH", width)
         monkeypatch.setattr(texts, "WORK", work)
-        series, _, more, _ = series_kernels(system, ORDER, len(system.constant_values))
+        series, _, _, more, _ = series_kernels(system, ORDER, len(system.constant_values))
         setup = kernel(system.constant_symbols(), more)(system.constant_values, system.constant_values)
         given = np.concatenate([system.constant_values, setup])
         found.append(series(scenario.z0, given))
