@@ -8,6 +8,8 @@ from tcbench_plugins.continua.solid import l_block, solid
 
 import tcbench
 from tcbench import TcbenchError
+from tcbench.compiler.library import evaluate
+from tcbench.solver.array_flow import array_flow
 
 skfem = pytest.importorskip("skfem")
 CASES = {  # name: how long, step, invariants that are kept to the order of the method only
@@ -81,6 +83,35 @@ def test_the_gas_behind_sods_shock_has_the_speed_and_pressure_that_are_known():
     p = rho**1.4 * np.exp(0.4 * z.s / np.asarray(scenario.constants["gas"]))
     middle = (z.x > 0.72) & (z.x < 0.8)
     assert np.allclose(speed[middle], 0.92745, rtol=0.02) and np.allclose(p[:-1][middle], 0.30313, rtol=0.02)
+
+
+def test_the_matrix_of_newton_is_that_of_differences_where_sums_are_unknowns_of_it():
+    """Temperatures of nodes, sums over elements that elements read again, are rows of their own; condensed they are the
+    Jacobian of the residual, whose kernel keeps the sums."""
+    scenario = solid(1)
+    model, (flow,) = scenario.model, tcbench.integrators()["tc_monolithic"].flows
+    kernels = array_flow(flow, model.by_arrays).kernels(model.mesh)
+    n, shared, pattern = kernels.n_unknowns, kernels.n_shared, kernels.pattern
+    constants = np.array(model.constant_values)
+    constants[0] = scenario.dt
+    opened = np.empty(kernels.opening.size + kernels.opening.room)
+    z0 = np.array(scenario.z0)
+    evaluate(kernels.opening.address, z0, np.concatenate([constants, np.zeros(2 * len(z0))]), opened)
+
+    def iterate(x):
+        out = np.empty(kernels.iterate.size + kernels.iterate.room)
+        evaluate(kernels.iterate.address, opened, x, out)
+        return out[:n], out[n : n + pattern.nnz]
+
+    x = opened[:n] + 0.005 * np.cos(np.arange(n))
+    A, rows = np.zeros((n, n)), np.repeat(np.arange(n), np.diff(pattern.first))
+    A[pattern.order[rows], pattern.order[pattern.columns]] = iterate(x)[1]
+    own, other = slice(n - shared), slice(n - shared, n)
+    condensed = A[own, own] - A[own, other] @ np.linalg.solve(A[other, other], A[other, own])
+    moved = [[iterate(x + k * 1e-3 * e)[0][own] for k in (-2, -1, 1, 2)] for e in np.eye(n)[own]]
+    differences = np.einsum("k,jki->ij", [1, -8, 8, -1], moved) / 12e-3
+    assert shared == len(scenario.constants["mass"])
+    assert np.allclose(condensed, differences, atol=1e-11 * np.abs(differences).max())
 
 
 def test_what_is_no_solid_is_refused_with_a_sentence():
