@@ -144,9 +144,9 @@ def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, An
             seen[-1] = False
             ranks[chosen] = keys[two][seen[:-1]], np.where(seen, np.cumsum(seen) - 1, -1).astype(np.int32)
         key, rank = ranks[chosen]
-        (first, step), (column, apart) = place[i], place[j]
+        (first, step), (begin, apart) = place[i], place[j]
         rows.append(first + step * (key // mesh.size(two[1])))
-        columns.append(column + apart * (key % mesh.size(two[1])))
+        columns.append(begin + apart * (key % mesh.size(two[1])))
         at[i, j] = count, rank
         count += len(key)
     own = []
