@@ -34,7 +34,7 @@ COMPARED = 50  # moves of its first trajectory
 SAME = 1e-9  # relative: matrices that differ by less along the data are constant
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DataSet:
     """Trajectories of one scenario at common times.
 
@@ -206,7 +206,7 @@ def _constant_matrices(model: Any, states: Floats) -> dict[str, Any]:
     return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judgement:
     """How far the states of somebody's data set are from the solution, and what may have made it.
 
