@@ -40,8 +40,8 @@ def test_every_column_of_the_conservation_table_is_there(tmp_path):
     results = tcbench.run(["tc_strang"], ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3])
     columns = [
         "integrator", "scenario", "dt", "status", "blowup_time", "energy_error_max", "energy_error_final",
-        "energy_drift", "entropy_increment_min", "second_law_violations", "angular_momentum_error_max",
-        "lyapunov_increment_max", "residual_max", "newton_iterations_mean", "us_per_step",
+        "energy_round_off", "energy_drift", "entropy_increment_min", "second_law_violations",
+        "angular_momentum_error_max", "lyapunov_increment_max", "residual_max", "newton_iterations_mean", "us_per_step",
     ]  # fmt: skip
     table = results.tables["conservation"]
     assert list(table.columns[: len(columns)]) == columns
