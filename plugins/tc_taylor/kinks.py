@@ -16,14 +16,14 @@ from .memory import Work
 LOOK = 2.0**-10  # of a step: where u has another sign for less that may not be seen
 SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
 PARTS, EACH = 100, 40  # of a fixed step at most, and so many a kink
+FIXED = 1e-10  # the same of a fixed step
 GROW = 10.0  # over the order: what rounding leaves of a root's first coefficients grows with that power of a step
-CLOSE = 1e-10  # part of a step by which it ends behind a kink at least; else the tolerance
+CLOSE, MORE = 1e-13, 4.0  # part of the way to a kink by which a step ends behind it at most; where one begins in a kink and ends there, too, the next is longer
 
 
 @rare
-def first(w: Work, h: float, tolerance: float) -> float:
-    """The length of a step of h from its series, or up to just behind the first kink."""
-    near = abs(h) * max(CLOSE, tolerance)
+def first(w: Work, h: float, near: float) -> float:
+    """The length of a step of h from its series, or up to just behind the first kink; `near`, where it begins in one."""
     for j in range(w.n_kinks):
         begin = (w.order + 1) * w.size + 2 + j
         u, most = w.coefficients[begin], moved(w, j, abs(h))
@@ -33,7 +33,7 @@ def first(w: Work, h: float, tolerance: float) -> float:
             continue
         sign = 1.0 if u > 0.0 else -1.0
         low, high = crossed(w, j, sign, h)
-        while abs(high - low) > near:
+        while abs(high - low) > CLOSE * abs(high):
             x = 0.5 * (low + high)
             if sign * at(w, j, x) < 0.0:
                 high = x

@@ -18,22 +18,25 @@ from .texts import BESIDE
 ONE = (1023.0 - 0.043) * 2.0**52
 NEVER = 2**62  # steps
 FIRST = 4  # steps to the first mended state; after one that ends in none a single step
-SHRINK, SHORTEST = 0.5, 1e-12  # of a step that ends in no admissible state; of a step, over the time
-# A step is looked at where its series alone is no witness: where it would be longer than any that is known to be right
-# by so much that what it misses could grow by TRUSTED, at places 1/LOOKS of the whole time from each other at most; so
-# is any that is longer than FEW of these. The
-# formulas agree with the series where the step times what their rates differ by is so many tolerances: see `right_at`.
-TRUSTED, LOOKS, FEW = 256.0, 33.3, 3.0
+SHRINK, SHORTEST = 0.5, 1e-14  # of a step that ends in no admissible state; of a step, over the time
+# A step of h agrees with the formulas where h times what their rates differ by from the series' slopes is so many
+# tolerances at most. That is asked at the end of a step that is GROWN times as long as the last one, and of one from
+# whose end the next would be SHRUNK times shorter. A step is looked at on its way, too, before it is taken, where the
+# series is no witness of it: where its last terms do not fall, or fall by more than any function's do (it is blank, has
+# gaps, or is the tail of something narrow far away), and where it is long beside the run: at places 1/LOOKS of the run
+# from each other at most, or RADII of the last terms' ratio, if those are no more than MOST_LOOKS.
 AGREED, AGREED_AT_LEAST = 60.0, 1e-11
+GROWN, SHRUNK, LEAST_FALL = 1.3, 1.6, 0.02
+LOOKS, FEW, RADII, MOST_LOOKS = 33.3, 3.0, 2.0, 64.0
+NEAR, OUT, INSIDE = 0.15, 2.6, 0.381966  # the first look at a step, and how much farther each next one is
+MOST_HELD = 10  # steps in a kink, each longer than the last
 MOVED = 200.0  # tolerances of a step, by which mending may move where it ends
-GROWN, NEAR, OUT = 4.0, 0.15, 2.6  # a step that grew by so much also from there on, at places each so much farther
-INSIDE = 0.381966  # else there and at its end
 BEFORE_KINK = 0.98  # of a step to a kink: behind it the rates are others
+HOPELESS, MOST_HOPELESS = 1e-9, 500  # steps so short, over the time, and how many in a row: it would take 1e9 of them
+# A step ends behind a kink: by so much, over the time, that round-off leaves it there, and by up to a tolerance of its
+# length, if what that misses is no more than a tolerance, so that a root which all but turned at 0 has turned.
+BEHIND_KINK, CLOSER_TO_KINK = 3e-14, 0.125
 CLOSER = 1e-3  # part of a length to which the end of what is right is found
-SHRUNK, SPRUNG = (
-    1.6,
-    2.0,
-)  # a series whose length is so much shorter or longer than the last one's tells of a step too far
 LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order
 
 
@@ -54,6 +57,11 @@ def mended_state(w: Work, h: float) -> bool:
     """The state after h, mended, its entropy as the new lowest; False if it is not admissible."""
     w.length[0] = h
     call(w.to_state, w.coefficients, w.length, w.target)
+    return onto_laws(w)
+
+
+def onto_laws(w: Work) -> bool:
+    """The state in `target`, mended."""
     if w.of_elements:
         return mended_elements(w)
     good = mended(w.to_mend, w.to_hold, w.target, w.given, w.mended)
@@ -61,12 +69,11 @@ def mended_state(w: Work, h: float) -> bool:
     return good
 
 
-def mended_end(w: Work, h: float, tolerance: float) -> bool:
-    """The same of the end of a step, or of what is near it; False too where mending moves it by much more than a
-    step may miss: what the laws miss by little may be made up for by much of a variable on which they hardly depend."""
-    w.length[0] = h
-    call(w.to_state, w.coefficients, w.length, w.end)
-    good, limit = mended_state(w, h), MOVED * max(tolerance, AGREED_AT_LEAST) * MOVED * max(tolerance, AGREED_AT_LEAST)
+def mended_end(w: Work, tolerance: float) -> bool:
+    """The state in `end`, mended; False, too, where that moves it by much more than a step may miss: what the laws miss
+    by little may be made up for by much of a variable on which they hardly depend."""
+    copy_into(w.target[0 : w.size], w.end[0 : w.size])
+    good, limit = onto_laws(w), MOVED * max(tolerance, AGREED_AT_LEAST) * MOVED * max(tolerance, AGREED_AT_LEAST)
     for i in range(w.size):
         y, move = w.end[i], w.mended[i] - w.end[i]
         good = good and move * move <= limit * (w.least[i] + w.share[i] * y * y)
@@ -96,21 +103,31 @@ def step_length(w: Work, tolerance: float) -> float:
     return from_bits(int(ONE + min(last, before)))
 
 
-@rare
-def right_at(w: Work, x: float, h: float, tolerance: float) -> bool:
-    """Do the formulas agree with the series at x of a step of h? What the step would miss, if all of it were so wrong,
-    is h times the difference of the rates."""
-    w.length[0] = x
-    call(w.to_end, w.coefficients, w.length, w.end)
-    call(w.to_rates, w.end, w.given, w.rates)
+def agree(w: Work, rates: Floats, first: int, h: float, tolerance: float) -> bool:
+    """Are the slopes in `end` those of the formulas, rates[first:]? What a step of h would miss, if all of it were so
+    wrong, is h times their difference."""
     limit = max(AGREED * tolerance, AGREED_AT_LEAST) / h
     limit *= limit
-    first = w.size + BESIDE
+    slopes, good = w.size + BESIDE, True
     for i in range(w.size):
-        y, miss = w.end[i], w.end[first + i] - w.rates[w.size + i]
-        if not miss * miss <= limit * (w.least[i] + w.share[i] * y * y):
-            return False
-    return True
+        y, miss = w.end[i], w.end[slopes + i] - rates[first + i]
+        good = good and miss * miss <= limit * (w.least[i] + w.share[i] * y * y)
+    return good
+
+
+@rare
+def right_at(w: Work, x: float, h: float, tolerance: float) -> bool:
+    """Do the formulas agree with the series at x of a step of h?"""
+    w.length[0] = x
+    call(w.to_end, w.coefficients, w.length, w.end)
+    return right_end(w, h, tolerance)
+
+
+@rare
+def right_end(w: Work, h: float, tolerance: float) -> bool:
+    """The same of the place in `end`."""
+    call(w.to_rates, w.end, w.given, w.rates)
+    return agree(w, w.rates, w.size, h, tolerance)
 
 
 @rare
@@ -148,17 +165,19 @@ def rough_length(w: Work, goal: int) -> float:
 
 
 @rare
-def looked_at(
-    w: Work, h: float, known: float, left: float, gap: float, tolerance: float, closely: bool
-) -> tuple[float, float]:
-    """(the step, the longest that is known to be right): this one, if formulas and series agree, else a shorter one."""
-    most = min(h, left)
+def looked_at(w: Work, h: float, x: float, tolerance: float) -> float:
+    """This step, if formulas and series agree at x of it, on from there and at its end; else a shorter one."""
+    c, first = w.course, (w.order + 1) * w.size
+    most, radius = min(h, c.final - c.t), 0.0
+    before, last = w.coefficients[first], w.coefficients[first + 1]
+    if last > LEAST and before < math.inf:
+        radius = math.sqrt(before / last)
     if w.n_kinks > 0:
-        kink = kinks.first(w, most, tolerance)
+        kink = kinks.first(w, most, most)
         most = BEFORE_KINK * kink if kink < most else most
-    x = NEAR if most > GROWN * known else INSIDE if closely else 1.0
-    found = sure(w, most, min(x * most, gap), gap, tolerance)
-    return h if found == most else found, found
+    gap = min(c.gap, max(RADII * radius, most / MOST_LOOKS)) if radius > 0.0 else c.gap
+    found = sure(w, most, min(x * most, gap) if x < 1.0 else min(most, c.gap), gap, tolerance)
+    return h if found == most else found
 
 
 def run(w: Work) -> int:
@@ -177,90 +196,154 @@ def advance(
     steps become too short (then the last is 0), and after `patience` of them in a row that were longer than `most`: so
     they are where stiffness bounds them; and in the first mended state after the steps of a `leg`, if that is not 0 and
     more than a few such steps are left.
-    Between outputs only some steps end in a mended state; from one that ends in none the run goes back to the
-    last, and mends each step.
     """
-    h, fresh, long, end = 0.0, True, 0, w.counts.steps + leg if leg > 0 else NEVER
-    since, often, begun = 0, min(FIRST, w.seldom), t  # steps since a mended state, how many at most, and when it was
-    held = 0  # short steps in a row from kink to kink
-    lowest, row_begun = w.target[w.size + 1], row  # entropy, when `begun`, and the row
-    final = times[len(times) - 1]
-    unit, gap = min(1.0, final - times[0]), (final - times[0]) / LOOKS
-    # The length of the last series, and of the longest that is known to be right; until when each step is looked at.
-    before, known, careful, trust = 0.0, 0.0, t, TRUSTED ** (1.0 / w.order)
-    while row < len(times):
-        if to_end(w.watch, t):
-            return row, t, 0.0
+    c, h, fresh, end = w.course, 0.0, True, w.counts.steps + leg if leg > 0 else NEVER
+    set_out(w, times, row, t)
+    while c.row < len(times):
+        if to_end(w.watch, c.t):
+            return c.row, c.t, 0.0
         if fresh:
-            if long == patience or (since == 0 and w.counts.steps >= end and w.few * h < final - t):
-                return row, t, h
-            call(w.to_series, w.mended, w.given, w.coefficients)
-            h = step_length(w, tolerance)
-            if before > 0.0 and h > 0.0 and t > careful and (SHRUNK * h < before or h > SPRUNG * before):
-                # the last step may have gone on into what its series did not see
-                careful, t, row, before, known, long, since = t, begun, row_begun, 0.0, 0.0, 0, 0
-                w.target[w.size + 1] = lowest
-                copy_into(w.mended, w.kept)
-                call(w.to_series, w.mended, w.given, w.coefficients)
-                h = step_length(w, tolerance)
-            if since == 0:
-                copy_into(w.kept, w.mended)
-                begun, lowest, row_begun = t, w.target[w.size + 1], row
-            if h > trust * known or h > FEW * gap or t < careful:
-                own = h
-                h, known = looked_at(w, h, known, final - t, gap, tolerance, t < careful)
-                before = h if h == own else 0.0
-                if w.reach > 0.0 and h == own:
-                    h = damping.lengthened(w, h, tolerance)
-            else:
-                before, known = h, min(known, h)
-                if w.reach > 0.0:
-                    h = damping.lengthened(w, h, tolerance)
-            if w.n_kinks > 0:
-                whole = min(h, final - t + unit)  # of polynomials it has no bound
-                h = kinks.first(w, whole, tolerance)
-                held = held + 1 if h < kinks.SHORT * whole else 0
-                if h < whole:  # behind it is another series
-                    before, known = 0.0, 0.0
-                h = h if held < kinks.MOST + w.n_kinks else 0.0
-        good = h > SHORTEST * max(unit, abs(t))
-        if not good and since == 0:
+            leaves = c.long == patience or (c.since == 0 and w.counts.steps >= end and w.few * h < c.final - c.t)
+            if leaves and (not c.checked or right_end(w, h, tolerance)):
+                return c.row, c.t, h
+            h = next_length(w, tolerance)
+        scale = max(c.unit, abs(c.t))
+        c.hopeless = c.hopeless + 1 if h < HOPELESS * scale else 0
+        good = h > SHORTEST * scale and c.hopeless < MOST_HOPELESS
+        if not good and c.since == 0:
             copy_into(w.mended, w.kept)
-            return row, t, 0.0
-        here, mended = row, True
-        while good and here < len(times) and times[here] <= t + h:
-            if h > gap and (here + 1 == len(times) or times[here + 1] > t + h):
-                good = mended_end(w, times[here] - t, tolerance)
-            else:
-                good = mended_state(w, times[here] - t)
-            call(w.to_z, w.mended, w.given, states[here])
-            here += 1
-        if good and here < len(times):
-            last = w.counts.steps + 1 >= end and w.few * h < final - (t + h)
-            mended = last or (h > most and long + 1 == patience) or since + 1 >= often
-            if mended:
-                good = mended_end(w, h, tolerance)
-            else:  # whether it is admissible shows when a later one is mended
-                w.length[0] = h
-                call(w.to_state, w.coefficients, w.length, w.mended)
-        fresh = good or since > 0
+            return c.row, c.t, 0.0
+        here = c.row
         if good:
+            here = outputs(w, h, times, tolerance, states)
+            good = here >= 0
+        mended = True
+        if good and here < len(times):
+            w.length[0] = h
+            call(w.to_end if c.checked else w.to_state, w.coefficients, w.length, w.end)
+            leaves = w.counts.steps + 1 >= end and w.few * h < c.final - (c.t + h)
+            mended = leaves or (h > most and c.long + 1 == patience) or c.since + 1 >= c.often
+            if mended:
+                good = mended_end(w, tolerance)
+            else:  # whether it is admissible shows when a later one is mended
+                copy_into(w.mended[0 : w.size], w.end[0 : w.size])
+        fresh = good or c.since > 0
+        if good:
+            c.last_t, c.last_row, c.last_since, c.h = c.t, c.row, c.since, h
+            c.row, c.t = here, c.t + h
             w.counts.steps += 1
-            row = here
-            t += h
-            long = long + 1 if h > most else 0
-            since = 0 if mended else since + 1
-            often = min(2 * often, w.seldom) if mended else often
-            continue
-        w.counts.rejected += 1
-        damping.put_off(w)
-        w.target[w.size + 1] = lowest
-        if since > 0:
-            copy_into(w.mended, w.kept)
-            t, long, since, often = begun, 0, 0, 1
+            c.long = c.long + 1 if h > most else 0
+            c.since = 0 if mended else c.since + 1
+            c.often = min(2 * c.often, w.seldom) if mended else c.often
         else:
-            h *= SHRINK
-    return row, t, h
+            h = rejected(w, h)
+    return c.row, c.t, h
+
+
+def set_out(w: Work, times: Floats, row: int, t: float) -> None:
+    """On from t, where the run is in a mended state."""
+    c = w.course
+    c.final = times[len(times) - 1]
+    c.unit, c.gap = min(1.0, c.final - times[0]), (c.final - times[0]) / LOOKS
+    c.t, c.row, c.since, c.often, c.long, c.checked = t, row, 0, min(FIRST, w.seldom), 0, False
+    c.kept_t, c.kept_row, c.kept_entropy = t, row, w.target[w.size + 1]
+    c.held, c.hopeless, c.longest, c.own = 0, 0, 0.0, 0.0
+
+
+def next_length(w: Work, tolerance: float) -> float:
+    """Of the step from where the run is, its series made; or, where the last step may have ended beside the truth, of
+    one in its place that is looked at. 0: there is none."""
+    c, first = w.course, (w.order + 1) * w.size
+    call(w.to_series, w.mended, w.given, w.coefficients)
+    h = step_length(w, tolerance)
+    wrong = SHRUNK * h < c.own and not c.checked
+    if c.checked and not agree(w, w.coefficients, w.size, c.h, tolerance):
+        wrong = not right_end(w, c.h, tolerance)
+    if wrong:
+        go_back(w)
+        call(w.to_series, w.mended, w.given, w.coefficients)
+        h = min(step_length(w, tolerance), c.h)
+    if c.since == 0:
+        copy_into(w.kept, w.mended)
+        c.kept_t, c.kept_row, c.kept_entropy = c.t, c.row, w.target[w.size + 1]
+    c.last_entropy = w.target[w.size + 1]
+    before, last, own = w.coefficients[first], h * h * w.coefficients[first + 1], h
+    blank = not (last < before and last > LEAST_FALL * LEAST_FALL * before)
+    c.checked = h > GROWN * c.own and not wrong
+    if blank or wrong or h > FEW * c.gap or c.t + h >= c.final:
+        h = looked_at(w, h, INSIDE if wrong else NEAR if blank else 1.0, tolerance)
+    c.own = h if h == own and not wrong else 0.0
+    if w.reach > 0.0 and c.own > 0.0:
+        h = damping.lengthened(w, h, tolerance)
+        c.own = h if h == own else 0.0
+    if w.n_kinks > 0:
+        h = to_kink(w, h, tolerance)
+    c.checked = c.checked and c.own > 0.0
+    return h
+
+
+def go_back(w: Work) -> None:
+    """To where the last step began."""
+    c = w.course
+    copy_into(w.mended, w.last)
+    w.target[w.size + 1] = c.last_entropy
+    c.t, c.row, c.since, c.long = c.last_t, c.last_row, c.last_since, 0
+    w.counts.steps -= 1
+    w.counts.rejected += 1
+
+
+@rare
+def to_kink(w: Work, h: float, tolerance: float) -> float:
+    """The part of a step up to behind the first kink, looked at before it; 0 after too many that are short."""
+    c = w.course
+    whole = min(h, c.final - c.t + c.unit)  # of polynomials it has no bound
+    h = kinks.first(w, whole, kinks.CLOSE * whole * kinks.MORE ** min(c.held, MOST_HELD))
+    if h < whole:
+        if c.own > 0.0 and not right_at(w, BEFORE_KINK * h, h, tolerance):
+            h = looked_at(w, h, INSIDE, tolerance)
+        behind, least = tolerance * h, BEHIND_KINK * max(c.unit, abs(c.t))
+        while behind > least and not right_at(w, h + behind, behind, tolerance / AGREED):
+            behind *= CLOSER_TO_KINK
+        h = min(h + max(behind, least), whole)
+        c.own = 0.0  # behind it the rates are others
+    c.held = c.held + 1 if h < kinks.SHORT * min(whole, max(c.longest, c.gap)) else 0
+    c.longest = max(c.longest, h)
+    return h if c.held < kinks.MOST + w.n_kinks else 0.0
+
+
+def outputs(w: Work, h: float, times: Floats, tolerance: float, states: Matrix) -> int:
+    """States at the times within a step; the row behind them, or -1: one is not admissible."""
+    c = w.course
+    here, n, end = c.row, len(times), c.t + h
+    copy_into(w.last, w.mended)
+    while here < n and times[here] <= end:
+        if h > c.gap and (here + 1 == n or times[here + 1] > end):
+            w.length[0] = times[here] - c.t
+            call(w.to_state, w.coefficients, w.length, w.end)
+            good = mended_end(w, tolerance)
+        else:
+            good = mended_state(w, times[here] - c.t)
+        call(w.to_z, w.mended, w.given, states[here])
+        here += 1
+        if not good:
+            return -1
+    copy_into(w.mended, w.last)
+    return here
+
+
+@rare
+def rejected(w: Work, h: float) -> float:
+    """After a step that ends in no admissible state: half of it, from the last mended state, where each is mended."""
+    c = w.course
+    w.counts.rejected += 1
+    damping.put_off(w)
+    w.target[w.size + 1] = c.kept_entropy
+    copy_into(w.mended, w.kept)
+    if c.since > 0:
+        c.checked, c.own = False, 0.0
+        c.t, c.row, c.long, c.since, c.often = c.kept_t, c.kept_row, 0, 0, 1
+        return h
+    return SHRINK * h
 
 
 def fixed_steps(w: Work, h: float, states: Matrix) -> int:
@@ -278,11 +361,11 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
             part = left if abs(left) <= grow * behind else grow * behind * left / abs(left)
             if w.n_kinks > 0:
                 whole = part
-                part = kinks.first(w, whole, 0.0)
+                part = kinks.first(w, whole, kinks.FIXED * abs(whole))
                 behind += abs(part)
                 if abs(part) < abs(whole):
-                    behind = kinks.CLOSE * abs(h)
-                    part += kinks.CLOSE * h
+                    behind = kinks.FIXED * abs(h)
+                    part += kinks.FIXED * h
                     part = left if abs(part) > abs(left) else part
             parts += 1
             if parts > kinks.PARTS + kinks.EACH * w.n_kinks or not mended_state(w, part):

@@ -23,6 +23,32 @@ class Trials(Record, mutable=True):
     pause: int  # steps to wait after one that fails
 
 
+class Course(Record, mutable=True):
+    """Where a run is, and what it goes back to: where its last step began, and its last mended state."""
+
+    t: float
+    h: float  # the last step
+    own: float  # the same, if it is as long as its series, else 0
+    row: int  # the next output
+    since: int  # steps since a mended state
+    often: int  # how many of these at most
+    long: int  # steps in a row that were longer than asked
+    checked: bool  # has `Work.end` the slopes of the last step, at whose end the run is
+    last_t: float
+    last_row: int
+    last_since: int
+    last_entropy: float
+    kept_t: float
+    kept_row: int
+    kept_entropy: float
+    final: float
+    gap: float  # between places where a doubtful step is looked at
+    unit: float  # of time
+    held: int  # short steps in a row from kink to kink
+    longest: float  # of the steps to kinks
+    hopeless: int  # steps in a row that are too short for any run
+
+
 class Work(Record):
     """The kernels and arrays of a run; its states, (q, p, theta) of elements, have `size` numbers."""
 
@@ -43,6 +69,7 @@ class Work(Record):
     to_z: Address  # z of such a state
     counts: Counts
     trials: Trials
+    course: Course
     tolerance: float  # of a run: what a step may miss
     few: float  # steps that the rest of a run has at least when it is left after a leg: see `march.advance`
     reach: float  # of a damped step, over the time of the fastest decay; 0: none
@@ -57,7 +84,8 @@ class Work(Record):
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
     kept: Floats = sized("size + 2")  # the last of these that a step began from
-    end: Floats = sized("2 * size + 2")  # a place of a step that is looked at: the state there, and slopes
+    last: Floats = sized("size + 2")  # that which the last step began from
+    end: Floats = sized("2 * size + 2")  # the end of a step or a place in it: the state there, and slopes
     rates: Floats = sized("2 * size")  # and the rates that the formulas give there
     watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.looks`
     rows: int  # what follows is lent for a run

@@ -52,7 +52,7 @@ class TaylorMethod(Lending):
         self.counts = model.counts.again()
         self.tolerance = 0.0  # of the work
         self.reached: Floats | None = None  # where the run has come by marching
-        self.lend_to(model.again(counts=self.counts, trials=model.trials.again()), system)
+        self.lend_to(model.again(counts=self.counts, trials=model.trials.again(), course=model.course.again()), system)
         self.run = self.loops.bound("run", self.work)
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
@@ -134,7 +134,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     series, in operations; 0 of those on arrays."""
     from . import damping
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
-    from .memory import Counts, Trials, Work
+    from .memory import Counts, Course, Trials, Work
 
     c, elements = system.constant_values, system.defines("element_energy")
     if is_long(system):
@@ -153,7 +153,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
         to_series=series.address, to_state=polynomial.address, to_end=slopes.address, to_rates=rates.address,
         to_mend=mend.address, to_hold=hold.address,
         to_z=to_z.address, rows=1,
-        counts=Counts(), trials=Trials(), **damping.sizes(system),
+        counts=Counts(), trials=Trials(), course=Course(), **damping.sizes(system),
         **damping.fields(order if order <= damping.MOST_ORDER or not elements else 0),
     )  # fmt: skip
     return LOOPS, work, series_time
