@@ -26,7 +26,7 @@ CLOSE, MORE = (
 
 @rare
 def first(w: Work, h: float, near: float) -> float:
-    """The length of a step of h from its series, or up to just behind the first kink; `near`, where it begins in one."""
+    """The length of a step of h from its series, or up to just behind the first kink; `near` in one."""
     for j in range(w.n_kinks):
         begin = (w.order + 1) * w.size + 2 + j
         u, most = w.coefficients[begin], moved(w, j, abs(h))

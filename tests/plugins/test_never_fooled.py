@@ -1,4 +1,4 @@
-"""Adaptive methods where a series, or the nodes of a quadrature, see nothing of what comes: errors are of the tolerance.
+"""Adaptive methods where a series sees nothing of what comes: errors are of the tolerance.
 
 Truth has closed forms, or comes from SciPy with steps that no feature is shorter than."""
 
@@ -86,7 +86,7 @@ def truth(scenario, tolerance=1e-12):
 )
 @pytest.mark.parametrize("method", METHODS)
 def test_what_a_series_does_not_see_is_not_stepped_over(method, kind, k, at, width, c, t_end):
-    """Errors of order 1 at every tolerance, with status ok and exact laws: the last two terms were all that was asked."""
+    """Errors of order 1 at every tolerance, with status ok: the last two terms were all that was asked."""
     constants = {"k": k, "at": at, "width": width, "c": c}
     scenario = Scenario("unseen", kind, constants, initial={"q": 0.0, "p": 1.0, "s": 0.0}, t_end=t_end, dt=t_end / 200)
     exact = truth(scenario)
