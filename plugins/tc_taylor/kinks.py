@@ -18,10 +18,9 @@ SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that
 PARTS, EACH = 100, 40  # of a fixed step at most, and so many a kink
 FIXED = 1e-10  # the same of a fixed step
 GROW = 10.0  # over the order: what rounding leaves of a root's first coefficients grows with that power of a step
-CLOSE, MORE = (
-    1e-13,
-    4.0,
-)  # part of the way to a kink by which a step ends behind it at most; where one begins in a kink and ends there, too, the next is longer
+# A step ends behind a kink by this part of the way to it at most; where one begins in a kink and ends there, too, the
+# next is MORE times as long.
+CLOSE, MORE = 1e-13, 4.0
 
 
 @rare
