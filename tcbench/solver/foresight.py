@@ -192,7 +192,7 @@ class Rest:
 
     def looked(self, t: float, now: float) -> str:
         """What to say of it, "" where nothing is new or little is left; MachineError as above."""
-        if t == self.seen:  # a step counts when it is done
+        if not t > self.seen:  # a step counts when it is done, and not again where it is taken again
             return ""
         self.seen, (before, then) = t, self.last
         if not before > self.begin:
