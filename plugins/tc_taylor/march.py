@@ -208,7 +208,6 @@ def advance(
                 return c.row, c.t, h
             h = next_length(w, tolerance)
         scale = max(c.unit, abs(c.t))
-        c.hopeless = c.hopeless + 1 if h < HOPELESS * scale else 0
         good = h > SHORTEST * scale and c.hopeless < MOST_HOPELESS
         if not good and c.since == 0:
             copy_into(w.mended, w.kept)
@@ -263,7 +262,8 @@ def next_length(w: Work, tolerance: float) -> float:
         go_back(w)
         call(w.to_series, w.mended, w.given, w.coefficients)
         h = min(step_length(w, tolerance), c.h)
-    if c.since == 0:
+    if c.since == 0:  # also where the run is again, after steps that were taken back
+        c.hopeless = c.hopeless + 1 if c.t - c.kept_t < HOPELESS * max(c.unit, abs(c.t)) else 0
         copy_into(w.kept, w.mended)
         c.kept_t, c.kept_row, c.kept_entropy = c.t, c.row, w.target[w.size + 1]
     c.last_entropy = w.target[w.size + 1]
