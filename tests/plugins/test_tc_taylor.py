@@ -27,7 +27,6 @@ from tcbench.compiler import ops
 from tcbench.compiler.arrays import total, variable
 from tcbench.compiler.kernels import kernel, namespace
 from tcbench.compiler.machine import has_fma, is_x86
-from tcbench.compiler.library import evaluate
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
 
