@@ -28,7 +28,7 @@ def checked(folder, source, *words):
         ("len(run.t) - 1", "run", "measure", "is not a JSON value"),
         ("len(run.t) - 1", "exit(3)", "measure", "SystemExit: 3"),
         ('"status": run.status', '"status": "fine"', "measure", "status 'fine' is none of ok, nonconverged"),
-        ('return {"mine": pd', 'return {"other": pd', "tables", "returns the table 'other'"),
+        ("return {COUNTS.name: pd", 'return {"other": pd', "tables", "returns the table 'other'"),
         ("(rows, columns", '([r["counted"] and r for r in rows], columns', "failed cells", "KeyError: 'counted'"),
         (LINES, "    return table\n" + LINES, "charts", "must return a list of Panel"),
         ('rows["counted"]', 'rows["count"]', "charts", "KeyError: 'count' at mine.py:"),
@@ -47,7 +47,7 @@ def test_what_is_right_passes_by_its_name_too_and_what_does_not_apply_is_a_dash(
     for old, new, told in (
         ("", "", "  ok    charts           mine: 1 panel"),
         ('options["dt"] or (s.dt, s.dt / 2)', "()", "  -     plan             no cell of tc_monolithic on short_term"),
-        (', "failure"])}', "])}", "  -     failed cells     no table says why one failed"),
+        ('        "failure",\n', "", "  -     failed cells     no table says why one failed"),
     ):
         done = checked(tmp_path, STUDY.replace(old, new))
         assert done.exit_code == 0 and told in done.stdout, done.output
