@@ -26,6 +26,10 @@ def same_again(found: Any, formula: Callable[[], Any]) -> bool:
     Equal expressions of one trace are one object; where the order of a sum differs, the numbers in them are compared.
     """
     one, other = _parts(found), _parts(formula())
+    return _same(one, other) or _same(other, _parts(formula()))  # the first call may have made what later ones find
+
+
+def _same(one: list[Any], other: list[Any]) -> bool:
     if len(one) != len(other):
         return False
     return all(a is b for a, b in zip(one, other, strict=True)) or _alike(_numbers(one), _numbers(other))
