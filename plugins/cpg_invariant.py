@@ -25,6 +25,7 @@ def cpg_invariant(k="2"):
         claims={"energy", "entropy", "angular_momentum"},
         source="Andrews and Farrell (2025), arXiv 2511.23266; Gonzalez (1996)",
         flows=[Flow(projected_gradients(int(k)), stages=int(k)), Flow(onto_invariants, of_step=True, numbers=held)],
+        tags={"projected"},
         by_default=False,
     )
 
