@@ -150,9 +150,6 @@ def test_the_timed_cell_reads_what_the_one_before_has_made(tmp_path, monkeypatch
     calls = []
     method, options = resting(calls, 0.03), {"part": work_precision.LAWS}
     pairs = work_precision.plan([method, tcbench.integrators()["tc_monolithic"]], [SCENARIO], {})
-    pairs, again = pairs[:3], pairs[3:]
-    turns = range(2, 1 + work_precision.processes(1))
-    assert [(i.name, o) for i, _, o in again] == [(n, {"turn": k}) for k in turns for n in ("resting", "tc_monolithic")]
     assert [(i.name, o) for i, _, o in pairs] == [("resting", options), ("resting", {}), ("tc_monolithic", {})]
     assert [work_precision.STUDY.is_timed(o) for _, _, o in pairs] == [False, True, True]
     assert work_precision.measure(method, SCENARIO, options)["made"] == len(calls) == 0  # nobody to share with
