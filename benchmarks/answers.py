@@ -1,15 +1,12 @@
 """The short answers of README and docs/choose-a-method.md, from a run: python benchmarks/answers.py results/latest
 
-Keeps what the answers are made of in results/answers.json, and writes the blocks between <!-- answers --> marks;
-without a folder it writes the blocks again from that file. A test compares pages and file.
+Writes the blocks between their <!-- answers --> marks.
 """
 
-import json
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-KEPT = ROOT / "results" / "answers.json"
 PAGES = (ROOT / "README.md", ROOT / "docs" / "choose-a-method.md")
 BEGIN, END = "<!-- answers -->\n", "<!-- /answers -->"
 LEAST = 1e-5  # an error that no reader needs the digits of
@@ -90,18 +87,9 @@ def origin(kept):
     return f"{run} (`python benchmarks/answers.py FOLDER`)."
 
 
-def written(text, block):
-    """A page with the block between its marks."""
-    before, rest = text.split(BEGIN)
-    return before + BEGIN + block + END + rest.split(END, 1)[1]
-
-
-def pages(kept):
-    return {page: written(page.read_text(), (short if page.name == "README.md" else long)(kept)) for page in PAGES}
-
-
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
-        KEPT.write_text(json.dumps(collect(sys.argv[1]), indent=1) + "\n")
-    for path, content in pages(json.loads(KEPT.read_text())).items():
-        path.write_text(content)
+    found = collect(sys.argv[1])
+    for page in PAGES:
+        before, rest = page.read_text().split(BEGIN)
+        block = (short if page.name == "README.md" else long)(found)
+        page.write_text(before + BEGIN + block + END + rest.split(END, 1)[1])

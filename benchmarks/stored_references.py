@@ -33,6 +33,7 @@ import tcbench
 from tcbench.reference.certified import FORMAT, checksum, scenario_hash, stored_file
 from tcbench.reference.collocation import integrate, tableau
 from tcbench.reference.precision import long_number
+from tcbench.systems.pendulum import Pendulum
 
 RECIPE = (
     "heyoka Taylor series at 160 and 220 bits from exact decimal data (gap between them = certificate); "
@@ -60,12 +61,8 @@ def _heyoka() -> Any:
         import heyoka
     except ImportError as missing:
         raise PeerMissing(
-            "Certifying a reference needs heyoka, which is not installed. Install it with: "
-            'pip install "tcbench[peers]" (Linux only). '
-            "Reading the stored references does not need it."
+            'Certifying a reference needs heyoka: pip install "tcbench[peers]" (Linux only).'
         ) from missing
-    if not hasattr(heyoka, "real"):
-        raise PeerMissing("This heyoka was built without multiprecision (heyoka.real). Install the PyPI wheel.")
     return heyoka
 
 
@@ -83,28 +80,17 @@ def exact_constants(constants: Mapping[str, Any], rounded: bool = False) -> dict
 
 
 def exact_state(constants: Mapping[str, Any], initial: Mapping[str, Any], rounded: bool = False) -> list[Decimal]:
-    """Initial state (q, p, s), 10 decimals of 80 digits, with s = beta L + c0 ln(theta/theta_ref), Romero
-    (2009), (43).
-
-    With `rounded`, the state at which a double-precision run really starts.
-    """
+    """Initial state (q, p, s), 10 decimals of 80 digits, with s = beta L + c0 ln(theta/theta_ref), Romero (2009), (43);
+    with `rounded` that at which a run in doubles really starts, whose entropies lose a few units of 5e-16."""
     with localcontext(prec=80):
         c = exact_constants(constants, rounded)
         q, p, theta = ([_decimal(x, rounded) for x in initial[k]] for k in ("positions", "momenta", "temperatures"))
         (beta,), (c0,), (reference,) = c["coupling"], c["heat_capacity"], c["reference_temperature"]
-        s = [
-            beta * (length / natural).ln() + c0 * (T / reference).ln()
-            for length, natural, T in zip(lengths(q), c["natural_lengths"], theta, strict=True)
-        ]
-        return q + p + (_entropies_in_double(constants, initial) if rounded else s)
-
-
-def _entropies_in_double(constants: Mapping[str, Any], initial: Mapping[str, Any]) -> list[Decimal]:
-    """Initial entropies as a run computes them, in double: c0 ln(theta/theta_ref) loses a few units of 5e-16."""
-    from tcbench.systems.pendulum import Pendulum
-
-    s = Pendulum(**constants).entropies(np.array(initial["positions"]), np.array(initial["temperatures"]))
-    return [Decimal(float(x)) for x in s]
+        if rounded:
+            s = Pendulum(**constants).entropies(np.array(initial["positions"]), np.array(initial["temperatures"]))
+            return q + p + [Decimal(float(x)) for x in s]
+        parts = zip(lengths(q), c["natural_lengths"], theta, strict=True)
+        return q + p + [beta * (length / rest).ln() + c0 * (T / reference).ln() for length, rest, T in parts]
 
 
 def lengths(q: Sequence[Decimal]) -> list[Decimal]:
@@ -134,11 +120,7 @@ def _taylor(bits: int) -> Any:
 
 
 def taylor_states(
-    constants: Mapping[str, Any],
-    initial: Mapping[str, Any],
-    times: Sequence[str],
-    bits: int,
-    rounded: bool = False,
+    constants: Mapping[str, Any], initial: Mapping[str, Any], times: Sequence[str], bits: int, rounded: bool = False
 ) -> list[list[Decimal]]:
     """States at `times` (decimal strings, increasing) by Taylor series at `bits` of precision."""
     hy, ta = _heyoka(), _taylor(bits)
@@ -228,33 +210,18 @@ def certified_states(
     return high, gaps_of(low, high), gaps_of(cross, high)
 
 
-# ---- the stored file
+# ---- the file
 
 
 def compare(name: str, record: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Recompute the stored scenario `name` and measure it against the stored digits.
-
-    Returns times, `stored_gap` (one a time; at most 1e-29 when nothing changed, for 30 digits are stored),
-    `precision_gap`, `cross_gap` and `agrees` (every stored_gap <= 1e-20).
-    """
-    known = stored_file()["scenarios"]
-    if record is None and name not in known:
-        raise KeyError(f"No reference is stored for '{name}'. Stored: {', '.join(sorted(known))}.")
-    old = known[name] if record is None else record
+    """Recompute the stored scenario `name`: its `stored_gap` to the digits that are stored, one a time (at most 1e-29
+    where nothing changed), `precision_gap`, `cross_gap`, and whether it `agrees` (1e-20)."""
+    old = record or stored_file()["scenarios"][name]
     states, precision_gap, cross_gap = certified_states(old["constants"], old["initial"], old["times"])
-    stored = [[Decimal(x) for x in z] for z in old["states"]]
     told = [[Decimal(digits(x)) for x in z] for z in states]
-    gaps = [float(x) for x in gaps_of(stored, told)]
-    return {
-        "times": [float(t) for t in old["times"]],
-        "stored_gap": gaps,
-        "precision_gap": [float(x) for x in precision_gap],
-        "cross_gap": [float(x) for x in cross_gap],
-        "agrees": all(x <= 1e-20 for x in gaps),
-    }
-
-
-# ---- the file
+    gaps = [float(x) for x in gaps_of([[Decimal(x) for x in z] for z in old["states"]], told)]
+    found = {"times": old["times"], "stored_gap": gaps, "precision_gap": precision_gap, "cross_gap": cross_gap}
+    return found | {"agrees": all(x <= 1e-20 for x in gaps)}
 
 
 def exact_invariants(constants: Mapping[str, Any], z: Sequence[Decimal]) -> dict[str, Decimal]:
@@ -274,39 +241,27 @@ def exact_invariants(constants: Mapping[str, Any], z: Sequence[Decimal]) -> dict
 
 
 def certify(constants: Mapping[str, Any], initial: Mapping[str, Any], times: Sequence[str | float]) -> dict[str, Any]:
-    """Certified states of one scenario, as plain JSON data.
-
-    constants : masses (2,), stiffness (2,), natural_lengths (2,), conductivity, reference_temperature,
-        coupling, heat_capacity.
-    initial : positions (4,), momenta (4,), temperatures (2,).  times : increasing, > 0.
+    """Certified states of one scenario (constants and initial data by name, times increasing, > 0) as JSON values.
 
     Per time: `states` (10 strings of 30 digits), `precision_gap` and `cross_gap` (see `certified_states`), `double_gap`
     (what rounding the data to double does), all as max_i |difference_i| / max(1, |z_i|); and `energy_error`, |E - E0|
     at 80 digits, which no run was told to keep.
     """
-    labels = [str(Decimal(repr(t))) if isinstance(t, float) else str(t) for t in times]
-    labels = [t[:-2] if t.endswith(".0") else t for t in labels]
+    labels = [str(Decimal(repr(t))).removesuffix(".0") if isinstance(t, float) else str(t) for t in times]
     states, precision_gap, cross_gap = certified_states(constants, initial, labels)
     rounded = taylor_states(constants, initial, labels, PRECISIONS[0], rounded=True)
     z0 = exact_state(constants, initial)
     start = exact_invariants(constants, z0)
     drift = [abs(exact_invariants(constants, z)["E"] - start["E"]) for z in states]
+    given = {"constants": constants, "initial": initial}
     return {
         "hash": scenario_hash(constants, initial),
-        "constants": {k: np.asarray(v).tolist() for k, v in constants.items()},
-        "initial": {k: np.asarray(v).tolist() for k, v in initial.items()},
-        "E0": digits(start["E"]),
-        "S0": digits(start["S"]),
-        "J0": digits(start["J"]),
-        "s0": [digits(x) for x in z0[8:]],
-        "times": labels,
-        "states": [[digits(x) for x in z] for z in states],
-        "precision_gap": precision_gap,
-        "cross_gap": cross_gap,
-        "double_gap": gaps_of(rounded, states),
-        "energy_error": [f"{x:.2e}" for x in drift],
+        **{name: {k: np.asarray(v).tolist() for k, v in of.items()} for name, of in given.items()},
+        **{f"{law}0": digits(start[law]) for law in "ESJ"}, "s0": [digits(x) for x in z0[8:]], "times": labels,
+        "states": [[digits(x) for x in z] for z in states], "precision_gap": precision_gap, "cross_gap": cross_gap,
+        "double_gap": gaps_of(rounded, states), "energy_error": [f"{x:.2e}" for x in drift],
         "precisions_bits": list(PRECISIONS),
-    }
+    }  # fmt: skip
 
 
 def scenarios() -> dict[str, tuple[Mapping[str, Any], Mapping[str, Any], Sequence[str | float]]]:
@@ -318,31 +273,17 @@ def scenarios() -> dict[str, tuple[Mapping[str, Any], Mapping[str, Any], Sequenc
 
 def generate(path: Path | str, of: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Certify every scenario (name -> constants, initial data, times; those of the paper) and write the file."""
+    versions = {name: version(name) for name in ("heyoka", "numpy", "scipy")}
     data = {
-        "format": FORMAT,
-        "recipe": RECIPE,
-        "gap": "max_i |a_i - b_i| / max(1, |b_i|)",
+        "format": FORMAT, "recipe": RECIPE, "gap": "max_i |a_i - b_i| / max(1, |b_i|)",
         "state": "q1x q1y q2x q2y p1x p1y p2x p2y s_a s_b",
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("heyoka", "numpy", "scipy")},
-            "machine": platform.machine(),
-        },
+        "versions": {"python": platform.python_version(), **versions, "machine": platform.machine()},
         "scenarios": {name: certify(*spec) for name, spec in (of or scenarios()).items()},
-    }
+    }  # fmt: skip
     Path(path).write_text(json.dumps(data | {"sha256": checksum(data)}, indent=1) + "\n", encoding="utf-8")
     return data
 
 
 if __name__ == "__main__":
-    words = sys.argv[1:]
-    if len(words) == 1 and words[0].endswith(".json"):
-        for label, made in generate(words[0])["scenarios"].items():
-            for row in zip(made["times"], made["precision_gap"], made["cross_gap"], made["double_gap"], strict=True):
-                gaps = f"precisions {row[1]}   cross-check {row[2]}   double data {row[3]}"
-                print(f"{label:22s} t = {row[0]:>5s}   {gaps}")
-    elif words:
-        for label in words:
-            print(label, compare(label))
-    else:
-        sys.exit("Usage: python benchmarks/stored_references.py FOLDER/references.json, or names of scenarios")
+    for word in sys.argv[1:]:
+        print(word, "written" if word.endswith(".json") and generate(word) else compare(word))

@@ -137,8 +137,3 @@ def test_without_heyoka_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
     with pytest.raises(tool.PeerMissing, match=r'pip install "tcbench\[peers\]"'):
         tool.certify(*SCENARIOS["short_term"])
-
-
-def test_unknown_name_lists_what_exists():
-    with pytest.raises(KeyError, match="short_term"):
-        tool.compare("shortterm")
