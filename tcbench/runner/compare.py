@@ -1,4 +1,4 @@
-"""What changed between two runs, cell by cell; and which of the changes are for the worse.
+"""What changed between two runs, row by row of their tables; and which of the changes are for the worse.
 
 Numbers, statuses and orders are judged. Of timings the ratio is shown, without a verdict: asv judges time.
 """
@@ -7,23 +7,20 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import ChangedError, TcbenchError, expect
-from ..studies.base import known_tables, tables_by_study
+from ..studies.base import known_tables
 from ..studies.columns import column
 from ..table import Column, Table
-from .cell import identity_of
-from .codec import NAMES, canonical_json
+from .codec import canonical_json, flat
 from .declared import merged
 from .provenance import machine_name
 from .rows import Store
-from .tables import latest_rows, read_tables
+from .tables import read_tables
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -32,39 +29,44 @@ NOISE = 1e-9  # relative differences up to here mean nothing
 FLOOR = 1e-12  # absolute: differences of round-off size mean nothing, whatever their ratio
 ONE_SIDED = ("missing", "new")
 ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control", "value",
-           "seed", "first_seed")  # fmt: skip # what may tell the rows of a table apart that no study declares
-
-Columns = Callable[[str], "list[Column]"]  # of a value of a row, by its path
-NO_TABLE = (Table("-"),)  # of a study that no run folder declares: no pattern counts
-Line = tuple[dict[str, Any], dict[str, Any]]  # cell, row
+           "seed", "first_seed")  # fmt: skip # what may tell the rows of a table apart of which no study says it
 MOST_SAID = 12  # sentences on what only one run has
 COLUMNS = (
     "study", "integrator", "scenario", "options", "column", "before", "after", "difference", "noise", "kind",
     "worse",
 )  # fmt: skip
+Row = dict[str, Any]
+
+
+class Place(NamedTuple):
+    """Which row of a run it is: of a table, a method and a scenario, and the values of the table's keys as JSON."""
+
+    study: str
+    integrator: str
+    scenario: str
+    options: str
 
 
 def compare(
     run_a: str | os.PathLike[str],
     run_b: str | os.PathLike[str],
 ) -> DataFrame:
-    """The differences between two run folders that exceed the noise, one row a value.
+    """The differences between the tables of two run folders that exceed the noise, one row a value.
 
     Parameters
     ----------
-    run_a, run_b : run folders; `a` is before, `b` is after. Cells are matched by study, integrator, scenario and
-        options: the code that measured them may differ, which is the point. Where one folder has tables only (a
-        published baseline) the tables of both are compared, rows matched by the keys of the studies' `Table`s.
+    run_a, run_b : run folders; `a` is before, `b` is after. Rows are matched by table, integrator, scenario and the
+        keys of the study's `Table`: the code that measured them may differ, which is the point.
 
     Numbers may differ by NOISE, or by FLOOR.
 
     Returns
     -------
-    DataFrame with columns study, integrator, scenario, options, column, before, after, difference (relative
-    to the larger magnitude, NaN where that makes no sense), noise, kind and worse. `kind` is "status", "value", or
-    "time" (the median ratio of the timings of a cell, after over before); rows that only one run has are counted, one
-    line a study, method and scenario, as "missing" (in a only) or "new" (in b only):
-    that is no regression. `worse` is True for what `regressions` returns.
+    DataFrame with columns study (the table's name), integrator, scenario, options, column, before, after, difference
+    (relative to the larger magnitude, NaN where that makes no sense), noise, kind and worse. `kind` is "status",
+    "value", or "time" (the median ratio of the timings of a row, after over before); rows that only one run has are
+    counted, one line a table, method and scenario, as "missing" (in a only) or "new" (in b only): that is no
+    regression. `worse` is True for what `regressions` returns.
 
     Timings are compared where they were measured alone, on one kind of machine (see `other_machine`). Raises
     `TcbenchError` when a folder holds no run, or both have no row in common.
@@ -72,23 +74,32 @@ def compare(
     import pandas
 
     expect("compare", locals(), {"run_a": "a path", "run_b": "a path"})
-    a, b = Store.read(run_a), Store.read(run_b)
-    pairs = pairs_of(a, b)
-    found = list(_one_sided(pairs))
-    known = [{(pair[0]["study"], name) for pair in pairs.both for name in pair[side]} for side in (1, 2)]
+    stores, problems = (Store.read(run_a), Store.read(run_b)), list[str]()
+    told_of = merged(*(store.declared() for store in stores))
+    schemas = known_tables(told_of)
+    before, after = (_rows(store, schemas, problems) for store in stores)
+    if not before.keys() & after.keys():
+        held = ", and ".join(_held(side) for side in (before, after))
+        raise TcbenchError(
+            f"{stores[0].folder} and {stores[1].folder} have no row in common, so that nothing can be compared: {held}."
+            " Run the same methods, scenarios and studies into both."
+        )
+    common = before.keys() & after.keys()
+    known = [{(p.study, name) for p in common for name in side[p]} for side in (before, after)]
     absent = known[0] ^ known[1]  # columns that another version has: no run has changed by them
-    told_of = merged(a.declared(), b.declared())
-    tables = {name: (table,) for name, table in known_tables(told_of).items()} | tables_by_study(told_of)
-    timings = not other_machine(a, b)
-    for cell, *rows in pairs.both:
-        columns = partial(_columns_of, tables.get(cell["study"], ()))
-        common = [{n: v for n, v in row.items() if (cell["study"], n) not in absent} for row in rows]
-        found += _row_changes(columns, cell, *common)
-        found += [entry for entry in [_time(columns, cell, *rows)] if entry] if timings else []
-    changes = pandas.DataFrame(found, columns=list(COLUMNS))
-    told = {(c["study"], name) for c, *rows in pairs.both for row in rows for name, v in row.items() if _given(v)}
+    found = [*_one_sided(before, after, schemas)]
+    timings = not other_machine(*stores)
+    for place in (place for place in before if place in common):
+        schema = schemas.get(place.study, Table(place.study))
+        names = [n for n in {**before[place], **after[place]} if (place.study, n) not in absent]
+        values = [(column(n, schema), before[place].get(n), after[place].get(n)) for n in names]
+        found += _changes(place, values)
+        if timings and schema.timed:
+            found += _time(place, values)
+    told = {(p.study, n) for p in common for side in (before, after) for n, v in side[p].items() if _given(v)}
     alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & told)]
-    changes.attrs["problems"] = [*a.problems, *b.problems, *pairs.problems, *alone]
+    changes = pandas.DataFrame(found, columns=list(COLUMNS))
+    changes.attrs["problems"] = [*stores[0].problems, *stores[1].problems, *problems, *alone]
     return changes
 
 
@@ -144,89 +155,32 @@ def _only(method: str, rows: Mapping[str, Sequence[str]]) -> str:
     return f"rows of {method or 'no method'} {where}"
 
 
-def _one_sided(pairs: Pairs) -> Iterator[dict[str, Any]]:
-    for kind, cells in zip(ONE_SIDED, (pairs.before, pairs.after), strict=True):
-        counts = Counter(tuple(named(cell).values()) for cell in cells)
-        for names, count in counts.items():
-            cell = dict(zip(("study", "integrator", "scenario"), names, strict=True))
-            before, after = (count, None) if kind == "missing" else (None, count)
-            yield _entry(cell, kind, "rows", before, after)
-
-
-class Pairs(NamedTuple):
-    """The cells of both runs with their two rows, the cells of one alone, and a sentence on rows that nothing tells
-    apart."""
-
-    both: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]]
-    before: list[dict[str, Any]]
-    after: list[dict[str, Any]]
-    problems: list[str]
-
-
-def pairs_of(a: Store, b: Store) -> Pairs:
-    """The rows of two runs, or the rows of their tables where one of them has tables only (a published baseline)."""
-    problems: list[str] = []
-    sides = [_lines(store) for store in (a, b)]
-    if not all(sides):
-        sides = [_table_lines(store, problems) for store in (a, b)]
-    for store, lines in zip((a, b), sides, strict=True):
-        if not lines:
-            raise TcbenchError(f"The run in {store.folder} has no rows to compare. Run it first.")
-        changed = [n for n, (_, row) in lines.items() if row.get("exception_type") == ChangedError.__name__]
-        if changed:
-            problems.append(f"{len(changed)} rows of {store.folder} were not measured, and are not compared.")
-        for name in changed:
-            del lines[name]
-    before, after = sides
-    if not before.keys() & after.keys():
-        raise TcbenchError(
-            f"{a.folder} and {b.folder} have no row in common, so that nothing can be compared: {_held(before)}, and "
-            f"{_held(after)}. Run the same methods, scenarios and studies into both."
+def _rows(store: Store, schemas: Mapping[str, Table], problems: list[str]) -> dict[Place, Row]:
+    """The rows of a run's tables; those that nothing tells apart, and what was not measured, cost a sentence."""
+    found: list[tuple[Place, Row]] = []
+    for name, frame in read_tables(store).items():
+        schema = schemas.get(name, Table(name))
+        if not schema.derived:
+            found += [_placed(schema, record) for record in flat(frame).to_dict("records")]
+    if not found:
+        raise TcbenchError(f"The run in {store.folder} has no rows to compare. Run it first.")
+    if edited := [place for place, row in found if row.get("exception_type") == ChangedError.__name__]:
+        problems.append(f"{len(edited)} rows of {store.folder} were not measured, and are not compared.")
+    times = Counter(place for place, _ in found)
+    for name, count in Counter(place.study for place, _ in found if times[place] > 1).items():
+        problems.append(
+            f"{count} rows of the table {name} in {store.folder} cannot be told apart and are not compared."
         )
-    return Pairs(
-        [(cell, row, after[name][1]) for name, (cell, row) in before.items() if name in after],
-        [cell for name, (cell, _) in before.items() if name not in after],
-        [cell for name, (cell, _) in after.items() if name not in before],
-        problems,
-    )
+    return {place: row for place, row in found if times[place] == 1 and place not in set(edited)}
 
 
-def _held(lines: Mapping[str, Line]) -> str:
-    """Which methods and scenarios a side has, in a few words."""
-    pairs = sorted({f"{cell.get('integrator')} on {cell.get('scenario')}" for cell, _ in lines.values()})
-    return f"one has {', '.join(pairs[:2])}{f' and {len(pairs) - 2} more' if len(pairs) > 2 else ''}"
-
-
-def _lines(store: Store) -> dict[str, Line]:
-    keys = latest_rows(store)[0]
-    return {identity_of(line["cell"]): (line["cell"], line["row"]) for line in store.lines() if line["key"] in keys}
-
-
-def _table_lines(store: Store, problems: list[str]) -> dict[str, Line]:
-    found = [(canonical_json(cell), cell, row) for cell, row in _rows_of_tables(store)]
-    times = Counter(name for name, _, _ in found)
-    alike = Counter(cell["study"] for name, cell, _ in found if times[name] > 1)
-    problems += [
-        f"{count} rows of the table {table} in {store.folder} cannot be told apart and are not compared."
-        for table, count in alike.items()
-    ]
-    return {name: (cell, row) for name, cell, row in found if times[name] == 1}
-
-
-def _rows_of_tables(store: Store) -> Iterator[Line]:
-    schemas = known_tables(store.declared())
-    for table, frame in read_tables(store).items():
-        schema = schemas.get(table)
-        if schema and schema.derived:
-            continue
-        keys = [name for name in (schema.key if schema else ANY_KEY) if name in frame]
-        for record in frame.to_dict("records"):
-            row = {str(name): value for name, value in record.items()}
-            names = {name: row.pop(name) for name in (*NAMES[1:], "ensemble") if isinstance(row.get(name), str)}
-            options = {name: _rounded(row.pop(name)) for name in keys}
-            cell = {"integrator": "", "scenario": names.get("ensemble", "")} | names
-            cell |= {"study": table, "options": {k: v for k, v in options.items() if v is not None}}
-            yield cell, row | {"timed": bool(schema and schema.timed)}
+def _placed(schema: Table, record: Mapping[Any, Any]) -> tuple[Place, Row]:
+    row = {str(name): value for name, value in record.items()}
+    names = {n: row.pop(n) for n in ("integrator", "scenario", "ensemble") if isinstance(row.get(n), str)}
+    keys = {n: _rounded(row.pop(n)) for n in schema.key or ANY_KEY if n in row}
+    scenario = names.get("scenario", names.get("ensemble", ""))
+    options = canonical_json({n: v for n, v in keys.items() if v is not None})
+    return Place(schema.name, names.get("integrator", ""), scenario, options), row
 
 
 def _rounded(value: Any) -> Any:
@@ -236,94 +190,49 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def named(cell: Mapping[str, Any]) -> dict[str, str]:
-    return {name: str(cell.get(name, "")) for name in NAMES}
+def _held(rows: Mapping[Place, Row]) -> str:
+    """Which methods and scenarios a side has, in a few words."""
+    pairs = sorted({f"{place.integrator} on {place.scenario}" for place in rows})
+    return f"one has {', '.join(pairs[:2])}{f' and {len(pairs) - 2} more' if len(pairs) > 2 else ''}"
 
 
-# -- timings: how they compare
+def _one_sided(before: Mapping[Place, Row], after: Mapping[Place, Row], schemas: Mapping[str, Table]) -> Iterator[Row]:
+    """Counted; how far a timed ladder of a pair goes depends on the time, and is told of no pair that both have."""
+    for kind, own, other in zip(ONE_SIDED, (before, after), (after, before), strict=True):
+        there = {place[:3] for place in other}
+        alone = [p for p in own if p not in other]
+        counts = Counter(p[:3] for p in alone if not (p[:3] in there and p.study in schemas and schemas[p.study].timed))
+        for names, count in counts.items():
+            sides = (count, None) if kind == "missing" else (None, count)
+            yield _entry(Place(*names, "{}"), kind, "rows", *sides)
 
 
-def _time(
-    columns: Columns, cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
-) -> dict[str, Any] | None:
-    """The median ratio of what was timed in a cell that both runs measured alone."""
-    statuses = {row.get("status", "ok") for row in (before, after)}
-    if not (cell.get("timed") or before.get("timed")) or statuses != {"ok"}:
-        return None
-    old, new = dict(_flat(_cut(before, after))), dict(_flat(_cut(after, before)))
-    ratios = []
-    for name in old.keys() & new.keys():
-        a, b, path = old[name], new[name], columns(name)
-        timing = path[-1].timing and path[-1].worse and all(one.compared for one in path)
-        if timing and _is_number(a) and _is_number(b) and a > 0 and b > 0:
-            ratios.append(b / a)
-    if not ratios:
-        return None
-    ratio = median(ratios)
-    return _entry(cell, "time", "time", 1.0, ratio, 1 - min(ratio, 1 / ratio))
+Values = Sequence[tuple[Column, Any, Any]]  # what is known of a column, and its value before and after
 
 
-# -- everything else: value by value
-
-
-def _row_changes(
-    columns: Columns, cell: Mapping[str, Any], before: Mapping[str, Any], after: Mapping[str, Any]
-) -> list[dict[str, Any]]:  # fmt: skip
-    """What differs between two rows of one cell: the status, or else the values beyond noise."""
-    old, new = before.get("status", "ok"), after.get("status", "ok")
-    if old != new:
-        return [_entry(cell, "status", "status", before=old, after=new, worse=old == "ok")]
+def _changes(place: Place, values: Values) -> list[Row]:
+    """What differs between two rows: the status, or else the values beyond noise."""
+    old, new = next(((a, b) for one, a, b in values if one.name == "status"), ("ok", "ok"))
+    if old != new and _given(old) and _given(new):
+        return [_entry(place, "status", "status", old, new, worse=old == "ok")]
     found = []
-    if cell.get("timed") or before.get("timed"):
-        before, after = _cut(before, after), _cut(after, before)
-    old_values, new_values = dict(_flat(before)), dict(_flat(after))
-    for name in dict.fromkeys([*old_values, *new_values]):
-        path, a, b = columns(name), old_values.get(name), new_values.get(name)
-        if not all(one.compared for one in path) or path[-1].timing or name == "status":
-            continue
-        if (difference := _difference(a, b)) > NOISE:
-            worse = any(_worse(one, a, b) for one in path)
+    for one, a, b in values:
+        if one.compared and not one.timing and one.name != "status" and (difference := _difference(a, b)) > NOISE:
             relative = math.nan if math.isinf(difference) else difference
-            found.append(_entry(cell, "value", _with_rungs(name, before, after), a, b, relative, NOISE, worse))
+            found.append(_entry(place, "value", one.name, a, b, relative, NOISE, _worse(one, a, b)))
     return found
 
 
-def _columns_of(tables: tuple[Table, ...], name: str) -> list[Column]:
-    """Of points[3].errors.q those of points, errors and q, as the tables of the study say."""
-    return [column(part.split("[")[0], *(tables or NO_TABLE)) for part in name.split(".")]
-
-
-def _cut(row: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """A timed row without the rungs that the other has not: how far a ladder goes depends on the time that it takes."""
-    lists = [name for name, value in row.items() if isinstance(value, list) and isinstance(other.get(name), list)]
-    return dict(row) | {name: row[name][: len(other[name])] for name in lists}
-
-
-def _flat(row: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Scalars of a nested row under names like `errors.q[3]`; the length of a list counts as a value."""
-    for name, value in row.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name}.")
-        elif isinstance(value, (list, tuple)):
-            yield f"{prefix}{name}.length", len(value)
-            for index, item in enumerate(value):
-                yield from _flat({f"{name}[{index}]": item}, prefix)
-        else:
-            yield f"{prefix}{name}", value
-
-
-def _with_rungs(name: str, *rows: Mapping[str, Any]) -> str:
-    """A name like `points[3].error` with what the rung is: `points[dt=0.05, variable=q].error`."""
-    found = re.fullmatch(r"(\w+)\[(\d+)\]\.(.+)", name)
-    for row in rows if found else ():
-        group, index, rest = found.groups()  # type: ignore[union-attr]
-        rungs = dict(enumerate(row[group])) if isinstance(row.get(group), list) else {}
-        rung = point if isinstance(point := rungs.get(int(index)), Mapping) else {}
-        values = {str(row.get("control", key)) if key == "value" else key: rung[key] for key in ANY_KEY if key in rung}
-        said = [f"{key}={value:.6g}" if _is_number(value) else f"{key}={value}" for key, value in values.items()]
-        if said and rest not in ANY_KEY:
-            return f"{group}[{', '.join(said)}].{rest}"
-    return name
+def _time(place: Place, values: Values) -> list[Row]:
+    """The median ratio of what was timed in both rows."""
+    ratios = [
+        b / a for one, a, b in values
+        if one.timing and one.worse and one.compared and _is_number(a) and _is_number(b) and a > 0 and b > 0
+    ]  # fmt: skip
+    if not ratios:
+        return []
+    ratio = median(ratios)
+    return [_entry(place, "time", "time", 1.0, ratio, 1 - min(ratio, 1 / ratio))]
 
 
 def _difference(a: Any, b: Any) -> float:
@@ -355,8 +264,7 @@ def _worse(known: Column, a: Any, b: Any) -> bool:
 
 
 def _entry(
-    cell: Mapping[str, Any], kind: str, column: str, before: Any = None, after: Any = None,
+    place: Place, kind: str, column: str, before: Any = None, after: Any = None,
     difference: float = math.nan, noise: float = math.nan, worse: bool = False,
-) -> dict[str, Any]:  # fmt: skip
-    values = (canonical_json(cell.get("options", {})), column, before, after, difference, noise, kind, worse)
-    return named(cell) | dict(zip(COLUMNS[3:], values, strict=True))
+) -> Row:  # fmt: skip
+    return dict(zip(COLUMNS, (*place, column, before, after, difference, noise, kind, worse), strict=True))
