@@ -5,31 +5,28 @@ Everything that a plugin's author claims is measured on the registered scenarios
 
 from __future__ import annotations
 
-import json
-import queue
-import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from .. import plugins
 from ..errors import TcbenchError, blamed, matching
 from ..integrator import Integrator
-from ..metric import Metric
 from ..plugins import Origin
-from ..runner.child import LOOK_S, READY, Child, how_it_died
+from ..runner.cell import Cell
+from ..runner.plan import brought
+from ..runner.rows import Rows
+from ..runner.scheduler import run_cells
+from ..simulation.run import simulate
 from ..studies.base import refuse_doubles
 from ..study import Study
 from ..systems.scenario import Scenario
 from . import integrator_checks, scenario_checks, study_checks
-from .check_cost import estimate, time_per_step
 from .check_line import FAIL, NONE, OK, Line, line
 
-DEADLINE = 60.0  # seconds for a run in a process of its own, from when tcbench itself is loaded and compiled there
-SLOW_S = 30.0  # loading and compiling that takes longer is that of a large system: the run may take longer, too
-WARM_LIMIT = 900.0  # seconds for that; more on a slow machine means that something else is wrong
+DEADLINE = 60.0  # seconds for a run in a process of its own, from when tcbench and the plugin are loaded there
+LARGE, LONGER = 2000, 10  # numbers of a state from which on compiling takes long, and how many times as long it may
 ALONE = ("runs", "step too large")  # lines that are runs in a process of their own
 OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *ALONE, "time per step")
 OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
@@ -37,6 +34,8 @@ OF_STUDIES = tuple(name for name, _ in study_checks.TESTS)
 DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
 LOADED = (Line("loads", OK), Line("unique name", OK))  # the first lines of whatever has a name
 LOOK_BELOW = "A step of 0.01 must succeed: see whether the formula is consistent with dz/dt."
+DIED = "The process must not die: see the sentence; a segmentation fault shows no more."
+BOUND = "Bound the number of iterations and raise an exception when they run out."
 HOOKED = ("integrators", "scenarios", "metrics", "studies", "charts")
 STOPS = {
     "formulas": "no method can use these formulas",
@@ -45,34 +44,36 @@ STOPS = {
 WIDTH = max(map(len, OF_INTEGRATORS))  # of the names of lines; those of the operators may be longer
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Subject:
-    """What is checked: an integrator, a scenario, or a file that brings neither; its lines come as they are known."""
+    """What is checked: an integrator, a scenario, or a file that brings neither. Walked over it gives its lines as they
+    are known, and `found` has those that have been given."""
 
     name: str
     kind: str
     lines: Iterator[Line]
+    found: list[Line] = field(default_factory=list)
 
-
-@dataclass(frozen=True)
-class Report:
-    """All lines for one subject."""
-
-    name: str
-    kind: str
-    lines: tuple[Line, ...]
+    def __iter__(self) -> Iterator[Line]:
+        for one in self.lines:
+            self.found.append(one)
+            yield one
 
     @property
     def ok(self) -> bool:
-        return all(line.verdict != FAIL for line in self.lines)
+        return all(line.verdict != FAIL for line in self.found)
 
     def as_dict(self) -> dict[str, Any]:
-        return {"name": self.name, "kind": self.kind, "ok": self.ok, "lines": [asdict(line) for line in self.lines]}
+        return {"name": self.name, "kind": self.kind, "ok": self.ok, "lines": [asdict(line) for line in self.found]}
 
 
-def check(target: str, only: Sequence[str] = ()) -> list[Report]:
-    """The reports of a plugin file, or of registered integrators or scenarios."""
-    return [Report(subject.name, subject.kind, tuple(subject.lines)) for subject in subjects(target, only)]
+def check(target: str, only: Sequence[str] = ()) -> list[Subject]:
+    """What a plugin file, or registered integrators or scenarios, stand for, with all lines."""
+    found = subjects(target, only)
+    for subject in found:
+        for _ in subject:
+            pass
+    return found
 
 
 def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
@@ -92,15 +93,15 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
     if target in registry.scenarios or plugins.split_name(target)[0] in registry.scenario_families:
         return named([], [target], only)
     if target in registry.studies:
-        return [_of_study(registry.studies[target], chosen)]
+        return [Subject(target, "study", study_lines(registry.studies[target], chosen))]
     return named([target], [], only)
 
 
 def named(integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[str] = ()) -> list[Subject]:
     """Integrators and scenarios of these names or patterns."""
     chosen, methods = _lines(only), plugins.expand_integrators(integrators)
-    found = [_of_integrator(method, [], chosen) for method in methods]
-    return found + [_of_scenario(scenario, chosen) for scenario in plugins.expand_scenarios(scenarios)]
+    found = [Subject(method.name, "integrator", integrator_lines(method, [], chosen)) for method in methods]
+    return found + [Subject(s.name, "scenario", scenario_lines(s, chosen)) for s in plugins.expand_scenarios(scenarios)]
 
 
 def _lines(only: Sequence[str]) -> list[str]:
@@ -124,26 +125,29 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
     origin = next(o for o in registry.origins.values() if o.path and Path(o.path).resolve() == path.resolve())
     if origin.error:
         return found(_loads(origin))
-    labels = {origin.name, origin.path}
-    methods = [i for i in registry.integrators.values() if i.plugin in labels]
-    result = [_of_integrator(v, [str(path.resolve())], only) for i in methods for v in i.variants() or [i]]
-    offered: list[Any] = [*registry.scenarios.values(), *registry.scenario_families.values()]
-    result += [_of_scenario(s, only) for s in plugins.expand_scenarios(s.name for s in offered if s.plugin in labels)]
-    result += [_of_study(study, only) for study in registry.studies.values() if study.plugin in labels]
-    result += [_of_metric(metric) for metric in registry.metrics.values() if metric.plugin in labels]
-    brought = [f"chart {chart.name}" for chart in registry.charts.values() if chart.plugin in labels]
-    if not result and not brought:
+
+    def brings(*kinds: str) -> list[Any]:
+        every = [one for kind in kinds for one in getattr(registry, kind).values()]
+        return [one for one in every if one.plugin in {origin.name, origin.path}]
+
+    methods = [v for i in brings("integrators") for v in i.variants() or [i]]
+    scenarios = plugins.expand_scenarios(s.name for s in brings("scenarios", "scenario_families"))
+    result = [Subject(m.name, "integrator", integrator_lines(m, [str(path.resolve())], only)) for m in methods]
+    result += [Subject(s.name, "scenario", scenario_lines(s, only)) for s in scenarios]
+    result += [Subject(study.name, "study", study_lines(study, only)) for study in brings("studies")]
+    result += [
+        Subject(m.name, "column", (_guarded("number", study_checks.number, one) for one in [m]))
+        for m in brings("metrics")
+    ]
+    charts = [f"chart {chart.name}" for chart in brings("charts")]
+    if not result and not charts:
         remedy = f"Return it from a @hookimpl: {' or '.join(f'tcbench_{kind}' for kind in HOOKED)}."
         return found(Line("registers something", FAIL, "no hook is implemented", remedy))
-    return result or found(Line("loads", OK, f"brings {', '.join(brought)}; a run of them says the rest"))
+    return result or found(Line("loads", OK, f"brings {', '.join(charts)}; a run of them says the rest"))
 
 
 def _loads(origin: Origin) -> Line:
     return Line("loads", FAIL, origin.reason, "Fix what the message says; tcbench list shows the traceback.")
-
-
-def _of_integrator(method: Integrator, folders: Sequence[str], only: Sequence[str]) -> Subject:
-    return Subject(method.name, "integrator", integrator_lines(method, folders, only))
 
 
 def integrator_lines(method: Integrator, folders: Sequence[str] = (), only: Sequence[str] = ()) -> Iterator[Line]:
@@ -165,8 +169,6 @@ def integrator_lines(method: Integrator, folders: Sequence[str] = (), only: Sequ
             yield _guarded("consistent", tests["consistent"], method)
         yield DOES_NOT_RUN
         return
-    if slow := _guarded("estimate", lambda method: estimate(method, [*tests]), method):
-        yield slow
     for name, test in tests.items():
         yield _guarded(name, test, method)
     if "step too large" in wanted:
@@ -182,80 +184,61 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
     except TcbenchError as error:
         return Line(name, FAIL, str(error), "Fix what the message says.")
     except (Exception, SystemExit) as error:
-        return Line(
-            name, FAIL, blamed(error), "Fix what the message says; a plugin must not raise on an admissible state."
-        )
+        remedy = "Fix what the message says; a plugin must not raise on an admissible state."
+        return Line(name, FAIL, blamed(error), remedy)
 
 
 def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
     """A run in a process of its own: ends in time, with a status."""
-    named = [scenario.name for scenario in plugins.scenarios_for(method)]
-    scenario = "short_term" if "short_term" in named else named[0]
+    known = {scenario.name: scenario for scenario in plugins.scenarios_for(method)}
+    scenario = known.get("short_term") or next(iter(known.values()))
     settings: dict[str, float] = {"dt": 0.01, "t_end": 0.1} if name == "runs" else {"dt": 1000.0, "t_end": 10000.0}
     if method.kind == "adaptive":
         settings = {"tolerance": 1e-6, "t_end": 0.1} if name == "runs" else {"tolerance": 0.5, "t_end": 100.0}
-    folders = list(dict.fromkeys([*folders, *map(str, plugins.plugin_folders())]))
-    with tempfile.TemporaryDirectory(prefix="tcbench-check-", ignore_cleanup_errors=True) as folder:
-        output = Path(folder, "output")
-        calls = [("warm", folders, scenario), ("run", method.name, scenario, settings)]
-        row, ended, deadline = _in_time(calls, output)
-        said = output.read_text(errors="replace").strip().splitlines()
-    shown = ", ".join(f"{key} = {value:g}" for key, value in settings.items())
-    if not ended:
-        found = f"no answer after {deadline:.0f} s ({scenario}, {shown})"
-        return Line(name, FAIL, found, "Bound the number of iterations and raise an exception when they run out.")
-    if row is None or row.get("kind") == "":
-        found = (row["raised"].strip().splitlines() if row else said or [ended])[-1]
-        return Line(
-            name, FAIL, found, "The process must not die: see the sentence; a segmentation fault shows no more."
-        )
-    if "raised" in row:  # a formula that is refused, for instance: the sentence says all
-        return Line(name, FAIL, row["sentence"], "Fix what the message says.")
+    row = _row_of(method, scenario, settings, folders)
+    status, shown = row["status"], ", ".join(f"{key} = {value:g}" for key, value in settings.items())
+    if status == "timeout":
+        return Line(name, FAIL, f"no answer: {row['failure']} ({scenario.name}, {shown})", BOUND)
+    if status == "crash":
+        said = row.get("output_tail", "").strip().splitlines()
+        return Line(name, FAIL, said[-1] if said else row["failure"], DIED)
+    if kind := row.get("exception_type"):  # not of a step, which is a status: a formula that is refused, for instance
+        return Line(name, FAIL, f"{kind}: {row['exception_message']}", "Fix what the message says.")
     if name == "runs":
-        found = row["status"] if row["status"] == "ok" else f"{row['status']}: {row['failure']}"
-        remedy = "Fix what the message says." if row["status"] == "exception" else LOOK_BELOW
-        return line(name, row["status"] == "ok", found, remedy)
-    return Line(name, OK, f"h = 1000: status {row['status']}" if "dt" in settings else f"status {row['status']}")
+        found = status if status == "ok" else f"{status}: {row['failure']}"
+        return line(name, status == "ok", found, "Fix what the message says." if status == "exception" else LOOK_BELOW)
+    return Line(name, OK, f"h = 1000: status {status}" if "dt" in settings else f"status {status}")
 
 
-def _in_time(calls: Sequence[tuple[Any, ...]], output: Path) -> tuple[dict[str, Any] | None, str, float]:
-    """The answer of the last of these calls (see alone.py), or of one that raised; how the process ended, "" if it had
-    to be killed; and the deadline that it had.
-
-    The clock starts when tcbench is loaded and compiled there: what that took is ours. A system so large that ours
-    takes long is given ten times as long.
-    """
-    answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-    began, limit, deadline, heard, answer = time.monotonic(), WARM_LIMIT, DEADLINE, 0, None
-    with output.open("wb") as file:
-        child = Child(lambda _, line: answers.put(line), output=file)
-        for function, *arguments in calls:
-            child.call(f"{__package__}.alone:{function}", *arguments)
-        try:
-            while heard <= len(calls) and answer is None:
-                try:
-                    text = answers.get(timeout=min(LOOK_S, limit))
-                except queue.Empty:
-                    if time.monotonic() - began > limit:
-                        return None, "", deadline
-                    continue
-                if text is None:  # it has died
-                    return None, how_it_died(child.process.wait()), deadline
-                heard, answer = heard + 1, None if text == READY else json.loads(text)
-                if heard == len(calls):  # all but the last are ours
-                    warm, began = time.monotonic() - began, time.monotonic()
-                    limit = deadline = DEADLINE if warm < SLOW_S else max(DEADLINE, 10 * warm)
-        finally:
-            child.kill()
-    return answer, "answered", deadline
+def _row_of(method: Integrator, scenario: Scenario, settings: dict[str, float], folders: Sequence[str]) -> Any:
+    """The row of one run, as of a cell of a study: exceptions, hangs and crashes have one, too."""
+    needed = brought(plugins.needs(method.name, method.plugin, scenario.name, scenario.plugin))
+    paths = list(dict.fromkeys([*folders, *map(str, plugins.plugin_folders())]))
+    context = {"folders": paths, "brought_by": {method.name: needed}}
+    cell, rows = Cell("check", method.name, scenario.name, settings), Rows()
+    timeout = DEADLINE * (LONGER if scenario.model.size > LARGE else 1)
+    run_cells([cell], f"{__name__}:measure", context, rows, jobs=1, timeout=timeout)
+    return rows.rows()[cell.key]
 
 
-def _of_study(study: Study, only: Sequence[str]) -> Subject:
-    return Subject(study.name, "study", study_lines(study, only))
+def measure(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any]:
+    """Status and failure of one run, in that process."""
+    run = simulate(cell["integrator"], plugins.find_scenario(cell["scenario"]), **cell["options"])
+    return {"status": run.status, "failure": run.failure}
 
 
-def _of_metric(metric: Metric) -> Subject:
-    return Subject(metric.name, "column", (_guarded("number", study_checks.number, one) for one in [metric]))
+def time_per_step(method: Integrator) -> Line:
+    """Microseconds a step beside the built-in monolithic method; for information, no limit."""
+    chosen = [s for s in plugins.scenarios_for(method) if s.name == "short_term"] or integrator_checks.scenarios(method)
+    if method.kind == "adaptive":
+        one = simulate(method, chosen[0], t_end=5.0)
+        return Line("time per step", OK, f"{1e6 * one.wall_time_s / max(1, one.steps):.3g} us an internal step")
+    times = []
+    for each in (method, plugins.find_integrator("tc_monolithic")):
+        count = 2000 if each.kind == "flows" else 50
+        runs = [simulate(each, chosen[0], dt=0.01, t_end=count * 0.01, record_every=None) for _ in range(3)]
+        times.append(min(1e6 * one.wall_time_s / max(1, one.steps) for one in runs))
+    return Line("time per step", OK, f"{times[0]:.3g} us (tc_monolithic: {times[1]:.3g} us)")
 
 
 def study_lines(study: Study, only: Sequence[str] = ()) -> Iterator[Line]:
@@ -269,10 +252,6 @@ def study_lines(study: Study, only: Sequence[str] = ()) -> Iterator[Line]:
             yield found
         if found.verdict == FAIL or not trial.cells:
             return
-
-
-def _of_scenario(scenario: Scenario, only: Sequence[str]) -> Subject:
-    return Subject(scenario.name, "scenario", scenario_lines(scenario, only))
 
 
 def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Line]:
@@ -295,7 +274,7 @@ def printable(item: Line) -> Iterator[str]:
         yield f"        {'':{WIDTH}}  -> {item.remedy}"
 
 
-def verdict(report: Report) -> str:
+def verdict(subject: Subject) -> str:
     """The last line of a report."""
-    failed = sum(item.verdict == FAIL for item in report.lines)
-    return f"{report.name}: {'all lines pass' if report.ok else f'{failed} to fix'}\n"
+    failed = sum(item.verdict == FAIL for item in subject.found)
+    return f"{subject.name}: {'all lines pass' if subject.ok else f'{failed} to fix'}\n"

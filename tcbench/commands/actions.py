@@ -366,28 +366,22 @@ def check_command(
     if not (targets or integrators or scenarios):
         raise TcbenchError("Say what to check: tcbench check FILE, or the name of an integrator or scenario.")
     lines = [line.strip() for line in only.split(",") if line.strip()]
-    reports, files = [], [subject for target in targets for subject in check.subjects(target, lines)]
-    for subject in [*files, *check.named(integrators, scenarios, lines)]:
-        if not as_json:
-            terminal.say(f"{subject.kind} {subject.name}")
-        found: list[Any] = []
+    files = [subject for target in targets for subject in check.subjects(target, lines)]
+    every = [*files, *check.named(integrators, scenarios, lines)]
+    for subject in every:
+        say = (lambda text: None) if as_json else terminal.say
+        say(f"{subject.kind} {subject.name}")
+        rest = iter(subject)
         while True:
             with waiting(f"checking {subject.name}"):
-                item = next(subject.lines, None)
+                item = next(rest, None)
             if item is None:
                 break
-            found.append(item)
-            for text in check.printable(item) if not as_json else ():
-                terminal.say(text)
-        reports.append(check.Report(subject.name, subject.kind, tuple(found)))
-        if not as_json:
-            terminal.say(check.verdict(reports[-1]))
-    good = all(report.ok for report in reports)
+            for text in check.printable(item):
+                say(text)
+        say(check.verdict(subject))
+    good = all(subject.ok for subject in every)
     if as_json:
-        data = {
-            "target": " ".join([*targets, *integrators, *scenarios]),
-            "ok": good,
-            "reports": [report.as_dict() for report in reports],
-        }
-        terminal.print_json(data)
+        target = " ".join([*targets, *integrators, *scenarios])
+        terminal.print_json({"target": target, "ok": good, "reports": [subject.as_dict() for subject in every]})
     return 0 if good else 1

@@ -186,17 +186,18 @@ class _Cells:
         self._made[cell.key] = "session" if cell.key in self.here else self._pairs[pair] + drawn  # never used again
 
     def context(self, fresh: list[str]) -> Context:
-        origins = plugins.registry().origins
-        brought = {
-            name: [(o.name, o.distribution, o.path if not o.distribution else "")
-                   for o in map(origins.get, labels) if o]
-            for name, labels in self._needs.items() if labels
-        }  # fmt: skip
+        named = {name: brought(labels) for name, labels in self._needs.items() if labels}
         custom = {name: data for name, data in self._custom.items() if data}
         return Context(
-            folders=[str(folder) for folder in plugins.plugin_folders()], brought_by=brought, made_by=self._made,
+            folders=[str(folder) for folder in plugins.plugin_folders()], brought_by=named, made_by=self._made,
             scenarios=custom, fresh=fresh,
         )  # fmt: skip
+
+
+def brought(labels: Iterable[str]) -> list[tuple[str, str, str]]:
+    """Name, distribution and path of the plugins of these labels, as `plugins.use_only` takes them."""
+    found = map(plugins.registry().origins.get, labels)
+    return [(o.name, o.distribution, o.path if not o.distribution else "") for o in found if o]
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any] | None:

@@ -1,10 +1,6 @@
 """`tcbench check` finds every planted fault, on its own line and with a remedy, and passes what is right."""
 
 import json
-import math
-import queue
-import time
-import types
 
 import numpy as np
 import pytest
@@ -236,9 +232,8 @@ def test_the_command_says_what_it_found_in_words_and_in_json(tmp_path):
 
 def test_a_hang_and_a_crash_end_the_check_with_a_sentence(tmp_path, monkeypatch):
     monkeypatch.setattr(check, "DEADLINE", 1.0)
-    monkeypatch.setattr(check, "SLOW_S", math.inf)  # a busy machine is no large system
     done = command(write(tmp_path, "time.sleep(100)"))
-    assert done.exit_code == 1 and "no answer after 1 s" in done.stdout and "not checked" in done.stdout
+    assert done.exit_code == 1 and "did not end within 1 s" in done.stdout and "not checked" in done.stdout
     plugins.forget()
     monkeypatch.setattr(check, "DEADLINE", 60.0)
     done = command(write(tmp_path, "import os; os._exit(3)"))
@@ -318,52 +313,3 @@ def test_lines_come_as_they_are_known_and_only_some_if_asked(tmp_path, monkeypat
     assert [line["check"] for line in report["lines"]] == ["loads", "unique name", "metadata", "runs", "restart"]
     refused = command("tc_strang", "--only", "restrt")
     assert refused.exit_code == 2 and "Did you mean 'restart'?" in refused.output
-
-
-@pytest.mark.parametrize(
-    ("coming", "expected"),
-    [
-        ([(1.0, b"ready\n"), (29.0, b"null\n"), (33.0, b'{"status": "ok"}\n')], ({"status": "ok"}, "answered", 5.0)),
-        ([(1.0, b"ready\n"), (2.0, b"null\n")], (None, "", 5.0)),
-        ([(1.0, b"ready\n"), (40.0, b"null\n"), (400.0, b"{}\n")], ({}, "answered", 400.0)),
-        ([(1.0, b"ready\n"), (2.0, b'{"raised": "why"}\n')], ({"raised": "why"}, "answered", 5.0)),
-        ([(1.0, b"ready\n")], (None, "", 5.0)),
-        ([(1.0, b"ready\n"), (2.0, None)], (None, "exit code 3", 5.0)),
-    ],
-)
-def test_the_deadline_begins_when_tcbench_is_loaded(coming, expected, tmp_path, monkeypatch):
-    """coming: when each line of the process comes, on a clock that only waiting moves. Of a large system, which takes
-    longer than SLOW_S to load, the run may take ten times as long."""
-    now, waiting = [0.0], list(coming)
-
-    class Lines:
-        def get(self, timeout):
-            if not waiting or waiting[0][0] > now[0] + timeout:
-                now[0] += timeout
-                raise queue.Empty
-            now[0], line = max(now[0], waiting[0][0]), waiting.pop(0)[1]
-            return line
-
-    ended = []
-    child = types.SimpleNamespace(
-        call=lambda *_: None, kill=lambda: ended.append(True), process=types.SimpleNamespace(wait=lambda: 3)
-    )
-    monkeypatch.setattr(check, "Child", lambda heard, output: child)
-    monkeypatch.setattr(check, "queue", types.SimpleNamespace(SimpleQueue=Lines, Empty=queue.Empty))
-    monkeypatch.setattr(check, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
-    for name, value in (("DEADLINE", 5.0), ("SLOW_S", 30.0), ("WARM_LIMIT", 900.0)):
-        monkeypatch.setattr(check, name, value)
-    assert check._in_time([("warm",), ("run",)], tmp_path / "output") == expected and ended == [True]
-
-
-def test_a_slow_method_is_told_how_long_its_lines_take():
-    from tcbench.authoring.check_cost import estimate
-
-    def slow(z, h, system):
-        time.sleep(0.01)
-        return explicit_midpoint(z, h, system)
-
-    found = estimate(made(step=slow, claims={"angular_momentum"}), list(TESTS))
-    assert found.verdict == check.NONE and "at least" in found.found and "order" in found.found
-    assert estimate(made(step=explicit_midpoint), ["restart"]) is None
-    assert estimate(made(flows=implicit_midpoint), list(TESTS)) is None
