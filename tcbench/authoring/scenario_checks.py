@@ -23,7 +23,6 @@ from ..systems.scenario import Scenario
 from ..systems.system import System
 from . import geometry
 from .check_line import FAIL, NONE, OK, Line, line
-from .units import check_units
 
 LARGE = 80  # numbers of a state from which on it is traced once
 LINES, PIECES, HALVINGS = 40, 65, 50  # that are searched for jumps, each cut by so many states, then halved
@@ -141,6 +140,8 @@ def units(scenario: Scenario) -> list[Line]:
     """The formulas agree with the units that the author declares."""
     if not scenario.model.units:
         return [Line("units", NONE, "none declared: units = {'q': 'm', ...} has them checked")]
+    from .units import check_units  # pint takes a second
+
     check_units(scenario.model)
     return [
         Line("units", OK, f"every sum and every rate agrees with the {len(scenario.model.units)} that are declared")

@@ -2,21 +2,21 @@
 
     units = {"q": "m", "p": "kg m/s", "s": "J/K", "mass": "kg", "stiffness": "N/m"}
 
-What is not named is a pure number, "energy" is in J, "entropy" in J/K and "time" in s unless they are named; entries of
-an array that differ are a list of units. Of elements, units of q, p and s say what each formula owes. A sum of two
-units, or a function of one, ends with the line that it is on.
+Units are those of pint, and names of your own. What is not named is a pure number, "energy" is in J, "entropy" in J/K
+and "time" in s unless they are named; entries of an array that differ are a list of units. Of elements, units of q, p
+and s say what each formula owes. A sum of two units, or a function of one, ends with the line that it is on.
 """
 
 from __future__ import annotations
 
-import ast
 import inspect
-import operator
+import tokenize
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from typing import Any, Self
 
 import numpy as np
+import pint
 
 from ..compiler.ops import by_numpy
 from ..compiler.sentences import where_in_user_code
@@ -24,20 +24,24 @@ from ..errors import TcbenchError, unknown_name
 from ..systems.as_written import place
 from ..systems.system import System
 
-Powers = Mapping[str, float]  # base unit -> exponent, none of them 0
-NONE: Powers = {}
-DERIVED = {
-    "J": "kg*m**2/s**2", "N": "kg*m/s**2", "W": "kg*m**2/s**3", "Pa": "kg/m/s**2", "Hz": "1/s", "C": "A*s",
-    "V": "kg*m**2/s**3/A", "F": "A**2*s**4/kg/m**2", "ohm": "kg*m**2/s**3/A**2", "H": "kg*m**2/s**2/A**2",
-    "Wb": "kg*m**2/s**2/A", "T": "kg/s**2/A", "S": "A**2*s**3/kg/m**2", "rad": "1",
-}  # fmt: skip
+REGISTRY = pint.UnitRegistry(cache_folder=None)
+NONE = REGISTRY.Unit("")
+SHOWN = ("J", "N", "W", "Pa", "Hz", "C", "V", "F", "ohm", "H", "Wb", "T", "S")  # what a product is called that is one
 DEFAULTS = {"energy": "J", "entropy": "J/K", "time": "s"}
 OF_SPACES = ("spaces", "n_positions", "n_elements")  # what an instance has of them, beside its tables
-NEGLIGIBLE = 1e-9  # difference of two exponents that are sums of fractions
+NEGLIGIBLE = 1e-9  # of a ratio of two units: exponents may be sums of fractions
 
 
 class UnitsDiffer(TcbenchError):
     """Two units where one is needed; the message names the line."""
+
+
+@cache
+def _ratio(one: Any, other: Any) -> float:
+    """How many of the other one is, 0 where they are not of one kind."""
+    found = REGISTRY.Quantity(1.0, one / other).to_base_units()
+    near = all(abs(power) <= NEGLIGIBLE for power in found.dimensionality.values())
+    return float(found.magnitude) if near else 0.0
 
 
 def _one(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -52,27 +56,30 @@ class Unit:
     left of `logs` where a number is needed is an error of the line on which the first was taken.
     """
 
-    def __init__(self, powers: Powers, value: float | None = None, logs: Powers = NONE, line: str = "") -> None:
-        self.powers, self.logs = _without_zeros(powers), _without_zeros(logs)
-        self.value, self.line = value, line
+    def __init__(self, of: Any = NONE, value: float | None = None, logs: Any = NONE, line: str = "") -> None:
+        self.of, self.logs, self.value, self.line = of, logs, value, line
+
+    @property
+    def is_number(self) -> bool:
+        return self.like(ONE)
 
     def __str__(self) -> str:
-        if not self.powers:
+        if self.is_number:
             return "a pure number"
-        names = (name for name in DERIVED if self.like(unit(name)))
-        return next(names, " ".join(name if n == 1 else f"{name}^{n:g}" for name, n in self.powers.items()))
+        names = (name for name in SHOWN if self.like(unit(name)))
+        return next(names, f"{self.of:~P}")
 
     def like(self, other: Unit) -> bool:
-        return not _sums(self.powers, other.powers, -1.0)
+        return abs(_ratio(self.of, other.of) - 1.0) <= NEGLIGIBLE
 
-    def _sum(self, other: Any, sign: float = 1.0) -> Unit:
+    def _sum(self, other: Any, sign: int = 1) -> Unit:
         if isinstance(other, Unit):
             if not self.like(other):
                 raise UnitsDiffer(f"{where_in_user_code()}: {self} and {other} are added, subtracted or compared.")
-            return Unit(self.powers, logs=_sums(self.logs, other.logs, sign), line=self.line or other.line)
-        if other != 0.0 and self.powers:  # 0 is that of any unit
+            return Unit(self.of, logs=self.logs * other.logs**sign, line=self.line or other.line)
+        if other != 0.0 and not self.is_number:  # 0 is that of any unit
             raise UnitsDiffer(f"{where_in_user_code()}: {self} and the pure number {other} are added or subtracted.")
-        return Unit(self.powers, logs=self.logs, line=self.line)
+        return Unit(self.of, logs=self.logs, line=self.line)
 
     @_one
     def __add__(self, other: Any) -> Unit:
@@ -82,7 +89,7 @@ class Unit:
 
     @_one
     def __sub__(self, other: Any) -> Unit:
-        return self._sum(other, -1.0)
+        return self._sum(other, -1)
 
     @_one
     def __rsub__(self, other: Any) -> Unit:
@@ -94,34 +101,33 @@ class Unit:
 
     def arctan2(self, other: Any) -> Unit:
         self._settled()._sum(other)
-        return Unit({})
+        return ONE
 
     def _settled(self) -> Unit:
         """The same, of which no logarithm of a unit is left."""
-        if self.logs:
+        if not Unit(self.logs).is_number:
             raise UnitsDiffer(f"{self.line}: the argument of log is a pure number, not {Unit(self.logs)}.")
         return self
 
-    def _times(self, other: Any, sign: float) -> Any:
+    def _times(self, other: Any, sign: int) -> Any:
         if not isinstance(other, Unit):
-            other = Unit({}, float(other)) if np.ndim(other) == 0 else other
+            other = Unit(value=float(other)) if np.ndim(other) == 0 else other
             if other.value == 0.0 and sign > 0:
                 return 0.0
         for one, by in ((self, other), (other, self)):
-            if one.logs and by.value is not None and not by.powers and (sign > 0 or one is self):
-                factor = by.value if sign > 0 else 1.0 / by.value
-                return Unit({}, logs={name: n * factor for name, n in one.logs.items()}, line=one.line)
-        return Unit(_sums(self._settled().powers, other._settled().powers, sign))
+            if one.logs != NONE and by.value is not None and by.is_number and (sign > 0 or one is self):
+                return Unit(logs=one.logs ** (by.value**sign), line=one.line)
+        return Unit(self._settled().of * other._settled().of ** sign)
 
     @_one
     def __mul__(self, other: Any) -> Any:
-        return self._times(other, 1.0)
+        return self._times(other, 1)
 
     __rmul__ = __mul__
 
     @_one
     def __truediv__(self, other: Any) -> Any:
-        return self._times(other, -1.0)
+        return self._times(other, -1)
 
     @_one
     def __rtruediv__(self, other: Any) -> Any:
@@ -132,16 +138,16 @@ class Unit:
         if isinstance(exponent, Unit):
             exponent._number("an exponent")
             exponent = exponent.value
-        if exponent is None and self.powers:
+        if exponent is None and not self.is_number:
             raise UnitsDiffer(f"{where_in_user_code()}: the power of {self} is no number that is known.")
-        return Unit({name: n * exponent for name, n in self._settled().powers.items()})
+        return Unit(self._settled().of ** (exponent or 1.0))
 
     @_one
     def __rpow__(self, base: Any) -> Unit:
         return self._number("an exponent")
 
     def __neg__(self) -> Unit:
-        return Unit(self.powers, logs={name: -n for name, n in self.logs.items()}, line=self.line)
+        return Unit(self.of, logs=self.logs**-1, line=self.line)
 
     def __abs__(self) -> Unit:
         return self._settled()
@@ -155,10 +161,10 @@ class Unit:
         return self**0.5
 
     def log(self) -> Unit:
-        return Unit({}, logs=self._settled().powers, line=str(where_in_user_code()))
+        return Unit(logs=self._settled().of, line=str(where_in_user_code()))
 
     def exp(self) -> Unit:
-        return Unit(self.logs) if not self.powers else self._number("the argument of exp")
+        return Unit(self.logs) if self.is_number else self._number("the argument of exp")
 
     def __getattr__(self, name: str) -> Callable[[], Unit]:
         """Other functions are of pure numbers."""
@@ -167,43 +173,27 @@ class Unit:
         return lambda: self._number(f"the argument of {name}")
 
     def _number(self, what: str) -> Unit:
-        if self._settled().powers:
+        if not self._settled().is_number:
             raise UnitsDiffer(f"{where_in_user_code()}: {what} is a pure number, not {self}.")
-        return Unit({})
+        return ONE
 
 
-def _without_zeros(powers: Powers) -> Powers:
-    return {name: n for name, n in powers.items() if abs(n) > NEGLIGIBLE}
+ONE = Unit()
 
 
-def _sums(mine: Powers, others: Powers, sign: float) -> Powers:
-    return _without_zeros({name: mine.get(name, 0) + sign * others.get(name, 0) for name in {**mine, **others}})
-
-
-def unit(text: Any) -> Unit:
-    """Of "kg m^2/s^2", "J/(kg K)", "1"; any other name is a unit of its own."""
-    actions = {ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: operator.pow}
-
-    def of(node: ast.AST) -> Any:
-        match node:
-            case ast.Name(id=name):
-                return unit(DERIVED[name]) if name in DERIVED else Unit({name: 1.0})
-            case ast.Constant(value=int() | float() as number):
-                return Unit({}, float(number))
-            case ast.UnaryOp(op=ast.USub(), operand=inner):
-                return Unit({}, -of(inner).value)
-            case ast.BinOp(left=left, op=op, right=right) if type(op) in actions:
-                a, b = of(left), of(right)
-                if a.value is not None and b.value is not None:
-                    return Unit({}, actions[type(op)](a.value, b.value))
-                return actions[type(op)](a, b)
-        raise ValueError
-
-    try:
-        found = of(ast.parse("*".join(text.replace("^", "**").split()) or "1", mode="eval").body)
-    except (SyntaxError, ValueError, AttributeError, TypeError):
-        raise TcbenchError(f"{text!r} is no unit; write it as in 'kg m^2/s^2', 'J/(kg K)' or '1'.") from None
-    return Unit(found.powers)
+def unit(text: str) -> Unit:
+    """Of "kg m^2/s^2", "J/(kg K)", "1"; any name that is no unit of pint's is one of its own."""
+    while True:
+        try:
+            return Unit(REGISTRY.Unit(text))
+        except pint.UndefinedUnitError as error:
+            (name, *_) = [error.unit_names] if isinstance(error.unit_names, str) else error.unit_names
+            if not name.isidentifier():
+                break
+            REGISTRY.define(f"{name} = [{name}]")
+        except (pint.PintError, AssertionError, TypeError, ValueError, tokenize.TokenError):
+            break
+    raise TcbenchError(f"{text!r} is no unit; write it as in 'kg m^2/s^2', 'J/(kg K)' or '1'.")
 
 
 def check_units(system: System) -> None:
@@ -233,7 +223,7 @@ class _Checked:
         for name in system.constants:
             values = np.asarray(getattr(system, name), dtype=float)
             units = _flat(given, {name: values.shape})
-            parts = [Unit(u.powers, float(x)) for u, x in zip(units, np.ravel(values), strict=True)]
+            parts = [Unit(u.of, float(x)) for u, x in zip(units, np.ravel(values), strict=True)]
             vars(self.clone)[name] = np.array([*parts, None], dtype=object)[:-1].reshape(values.shape)[()]
 
     def asked(self, name: str, *arguments: Any) -> Any:
@@ -242,7 +232,7 @@ class _Checked:
     def owes(self, name: str, found: Any, wanted: Unit, what: str) -> None:
         """UnitsDiffer where what a formula gives is in another unit than it should be, or some of it."""
         for x in np.ravel(np.asarray(found, dtype=object)):
-            if not (x._settled() if isinstance(x, Unit) else Unit({})).like(wanted) and not _is_zero(x):
+            if not (x._settled() if isinstance(x, Unit) else ONE).like(wanted) and not _is_zero(x):
                 where = f"{place(getattr(self.kind, name))}: {name}() of {self.kind.__name__}"
                 raise UnitsDiffer(f"{where} gives {what} in {_told(x)}; it is {wanted}.")
 

@@ -149,7 +149,7 @@ def test_units_of_what_it_takes_are_pure_numbers():
         def warmth(self, z):
             return function("softplus")(z.s)
 
-    with pytest.raises(UnitsDiffer, match="the argument of softplus is a pure number, not kg"):
+    with pytest.raises(UnitsDiffer, match="the argument of softplus is a pure number, not J/K"):
         check_units(Wrong(**WELL))
 
 
