@@ -31,15 +31,9 @@ def starts_processes(item):
     return item.path.parent.name in ("runner", "authoring") or item.path.stem in SLOW
 
 
-def place(item):
-    """Where a test stands in the order: laws of one run are asked one after the other, by the worker that keeps it."""
-    run = getattr(item, "callspec", None) if item.path.stem == "test_laws" else None
-    return not starts_processes(item), str(item.path.parent), run.id if run else ""
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    items.sort(key=place)
+    items.sort(key=lambda item: (not starts_processes(item), str(item.path.parent)))
     for item in items:
         if THOROUGH & set(item.fixturenames):
             item.add_marker(pytest.mark.thorough)

@@ -1,4 +1,4 @@
-"""The registered gas containers: the printed equations, the printed data, and every integrator unchanged."""
+"""The gas containers: the printed equations and data. Integrators are written against System, and run unchanged."""
 
 import ast
 from pathlib import Path
@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench.plugins import find_integrator
 
 SCENARIO = tcbench.scenarios()["gas_containers"]
-FLOWS = [name for name, i in tcbench.integrators().items() if i.kind == "flows" and not i.suits(SCENARIO.model)]
 
 
 def printed(z, alpha=0.5):
@@ -26,25 +24,13 @@ def test_the_field_and_the_energies_are_the_printed_ones():
     for _ in range(20):
         z = np.array([rng.uniform(0.2, 1.8), *rng.uniform(-1, 1, 3)])
         assert np.allclose(SCENARIO.model.vector_field(z), printed(z), rtol=1e-12, atol=1e-12)
+        jacobian = np.stack([printed(z + 1j * 1e-30 * e).imag / 1e-30 for e in np.eye(4)], axis=-1)
+        assert np.allclose(SCENARIO.model.jacobian(z), jacobian, rtol=1e-10, atol=1e-10)
     # E1 = E2 = 2 and p = 2 at the start: E = 4 + 2; the exergy is the kinetic energy
     assert SCENARIO.model.energy(SCENARIO.z0) == pytest.approx(6.0, rel=1e-15)
     assert SCENARIO.initial_exergy == pytest.approx(2.0, rel=1e-13)
-    assert (SCENARIO.t_end, SCENARIO.positions, SCENARIO.momenta, SCENARIO.constants["conductivity"]) == (
-        30,
-        (1,),
-        (2,),
-        0.5,
-    )
-
-
-@pytest.mark.parametrize("integrator", FLOWS)
-def test_every_integrator_runs_unchanged_and_keeps_what_it_claims(integrator):
-    run, claims = tcbench.simulate(integrator, SCENARIO, dt=0.05), find_integrator(integrator).claims
-    assert run.status == "ok"
-    if "energy" in claims:
-        assert run.summary.energy_error_max <= 1e-12
-    if "entropy" in claims:
-        assert run.summary.entropy_increment_min >= -1e-13
+    told = SCENARIO.t_end, SCENARIO.positions, SCENARIO.momenta, SCENARIO.constants["conductivity"]
+    assert told == (30, (1,), (2,), 0.5)
 
 
 def test_the_wall_comes_to_rest_in_the_middle_at_one_temperature():
