@@ -6,7 +6,7 @@ EPS = np.finfo(float).eps
 
 
 def assert_laws(run, energy=1e-12, entropy=1e-13, invariants=1e-12, claims=None, ended=True):
-    """The run ended well, if it has to (`ended`); each law that is claimed (`claims`, or those of its method) holds to these bounds.
+    """The run ended well, if it has to (`ended`), and each law that is claimed holds to these bounds.
 
     energy: of |E - E0| over the exergy, thousands of converged solves; entropy: what one of them may leave over;
     invariants: relative to where they begin, or to 1. Theorem 6: with both laws E - theta_ref S never increases.

@@ -1,4 +1,4 @@
-"""Which methods are tried on which systems: each method on one, each system with some. Compiling is what a pair costs."""
+"""Which methods are tried on which systems: each method on one, each system with some. A pair costs its compiling."""
 
 import tcbench
 from tcbench.plugins import find_integrator
