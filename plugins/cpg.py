@@ -12,27 +12,9 @@ loses the angular momentum; tc_gauss, which projects stress and temperature only
 import numpy as np
 
 from tcbench import Flow, Integrator, family, hookimpl
+from tcbench.reference.quadrature import gauss, integrals, lagrange
 
 POINTS = 8
-
-
-def gauss(points):
-    """Nodes and weights on [0, 1]."""
-    x, w = np.polynomial.legendre.leggauss(points)
-    return (x + 1) / 2, w / 2
-
-
-def lagrange(nodes):
-    """Polynomials that are 1 at one node and 0 at the others."""
-    found = []
-    for j, c in enumerate(nodes):
-        rest = np.delete(nodes, j)
-        found.append(
-            np.polynomial.Polynomial.fromroots(rest) / np.prod(c - rest)
-            if len(rest)
-            else np.polynomial.Polynomial([1.0])
-        )
-    return found
 
 
 def combined(weights, values):
@@ -43,11 +25,9 @@ def combined(weights, values):
 def projected_gradients(k):
     def residual(z0, z1, h, system, stages):
         (c, b), (x, w) = gauss(k), gauss(POINTS)
-        ls = lagrange(c)
-        A = np.array([[(p := l.integ())(node) - p(0.0) for l in ls] for node in c])
-        path = np.array([[(p := l.integ())(point) - p(0.0) for l in ls] for point in x])
-        weight = np.array([w * l(x) / b_j for l, b_j in zip(ls, b, strict=True)])
-        into = np.linalg.inv(A)
+        A, path = integrals(c, c).astype(float), integrals(c, x).astype(float)
+        weight = (w[:, None] * lagrange(c, x) / b).T.astype(float)
+        into, b = np.linalg.inv(A), b.astype(float)
         moved = [z - z0 for z in stages]
         hF = [combined(row, moved) for row in into]
         along = [system.state(z0 + combined(row, hF)) for row in path]

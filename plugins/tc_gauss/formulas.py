@@ -19,8 +19,7 @@ from tcbench.compiler.language import PLAIN
 from tcbench.compiler.machine import load
 from tcbench.compiler.vector_kernels import Lanes, can_express
 from tcbench.errors import TcbenchError
-from tcbench.reference.collocation import gauss_nodes, lagrange, tableau
-from tcbench.reference.precision import LONG
+from tcbench.reference.quadrature import gauss, integrals, lagrange
 from tcbench.systems.momenta import lengthening, restored_momenta
 from tcbench.systems.system import System
 
@@ -34,24 +33,22 @@ Floats = NDArray[np.float64]
 @cache
 def coefficients(k: int) -> Numbers:
     """The numbers of k-stage Gauss collocation with projection; computed in extended precision, rounded once."""
-    method = tableau("gauss", k)
-    nodes, b = method.c, method.b
-    # integrals of polynomials of degree k - 1 over [0, x], exactly
-    inner, inner_weights = gauss_nodes(k)
+    nodes, b = gauss(k)
+    A = integrals(nodes, nodes)
     Ahats, Ws = np.zeros((len(POINTS), POINTS[-1], k)), np.zeros((len(POINTS), k, POINTS[-1]))
     for level, m in enumerate(POINTS):
-        xi, omega = gauss_nodes(m)
-        Ahats[level, :m] = np.array([x * (inner_weights @ lagrange(nodes, x * inner)) for x in xi], dtype=float)
+        xi, omega = gauss(m)
+        Ahats[level, :m] = integrals(nodes, xi).astype(float)
         Ws[level, :, :m] = (omega[:, None] * lagrange(nodes, xi) / b).T.astype(float)
     barycentric = np.array([1 / np.prod([nodes[j] - nodes[l] for l in range(k) if l != j]) for j in range(k)])
-    zero, one = lagrange(nodes, np.array([0, 1], LONG)).astype(float)
-    eigen, into, back = eigenvectors(method.A.astype(float))
+    zero, one = lagrange(nodes, [0, 1]).astype(float)
+    eigen, into, back = eigenvectors(A.astype(float))
     complexes = {"eigen": eigen, "into": into, "back": back}
     parts = {f"{name}_re": np.ascontiguousarray(x.real) for name, x in complexes.items()}
     parts |= {f"{name}_im": np.ascontiguousarray(x.imag) for name, x in complexes.items()}
     return Numbers(
         k=k, pairs=len(eigen), largest=abs(eigen).max(), nodes=nodes.astype(float), at_start=zero, at_end=one,
-        barycentric=barycentric.astype(float), A=method.A.astype(float), A_squared=(method.A @ method.A).astype(float),
+        barycentric=barycentric.astype(float), A=A.astype(float), A_squared=(A @ A).astype(float),
         b=b.astype(float), Ahats=Ahats, Ws=Ws, **parts,
     )  # fmt: skip
 

@@ -28,8 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import cache
 from ..errors import TcbenchError
-from .collocation import Change, InDoubles, integrate, tableau
-from .precision import DESCRIPTION, EPS
+from .collocation import Field, integrate
 
 FORMAT = 1
 SAFETY = 4.0  # times the gap
@@ -39,6 +38,8 @@ KINKED = 40.0
 # random[seed=16] at t_end the error was 5 times their gap. So what shaking the equations does counts, too: for so many
 # units of round-off (docs/truth.md has how many errors take).
 SHAKE, SHAKES, ROUNDINGS = 1e-8, 3, 32.0
+EPS = float(np.finfo(float).eps)
+STAGES, FEWER = (13, 9), (9, 6)  # of the two collocations; of states of more than MANY numbers, whose systems grow
 MANY = 40  # numbers in a state
 MOST_STEPS = 1_000_000  # of SciPy's solver between two times
 CONTRADICTION = 1e-5  # gap to SciPy beyond its own errors (5e-7 measured on cold_spring, which magnifies 1e4)
@@ -148,55 +149,46 @@ def stored(name_or_hash: str) -> Reference | None:
 
 
 def compute(
-    rhs: Change,
-    in_doubles: InDoubles,
-    z0: ArrayLike,
-    times: Sequence[float],
-    tolerance: float = 1e-12,
-    max_seconds: float = 300.0,
-    least: Any = 1.0,
-    safety: float = SAFETY,
-) -> Reference:
-    """Reference at `times` for any smooth z' = rhs(z), from three runs that share no step and no coefficient.
+    field: Field, z0: ArrayLike, times: Sequence[float], tolerance: float = 1e-12, max_seconds: float = 300.0,
+    least: Any = 1.0, safety: float = SAFETY,
+) -> Reference:  # fmt: skip
+    """Reference at `times` for any smooth z' = f(z), from three runs that share no step and no coefficient.
 
-    Gauss (12 stages, order 24) and Radau IIA (13 stages, order 25; 8 and 9 for states of more than MANY numbers, whose
-    linear systems grow) in extended precision: `safety` times their gap is the certificate, or what round-off may have
-    become if that is more (`_growth`). SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap
+    Two Radau IIA collocations of different orders: `safety` times their gap is the certificate, or what round-off may
+    have become if that is more (`_growth`). SciPy's LSODA checks both. If SciPy disagrees by more than 1e-5, its gap
     becomes the certificate: then the equations are too hard for one of the three, and nobody knows for which.
-
-    rhs, in_doubles : see `integrate`; SciPy's check takes the latter, too.
     """
     times = tuple(float(t) for t in times)
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"Reference times must be positive and increasing; got {times}.")
-    start, eps = np.asarray(z0, float), float(np.finfo(float).eps)
-    stages = 12 if len(start) <= MANY else 8
-    gauss, radau = (
-        integrate(tableau(kind, s), rhs, in_doubles, z0, times, tol, max_seconds, least)
-        for kind, s, tol in (("gauss", stages, tolerance), ("radau", stages + 1, tolerance / 3))
+    start = np.asarray(z0, float)
+    stages = STAGES if len(start) <= MANY else FEWER
+    fine, coarse = (
+        integrate(s, field, start, times, tol, max_seconds, least)
+        for s, tol in zip(stages, (tolerance / 3, tolerance), strict=True)
     )
-    found = _by_scipy(in_doubles.rate, in_doubles.jacobian, start, times, least)
-    check, growth = _gaps(found, gauss, least), _growth(in_doubles, start, times, found, least)
+    found = _by_scipy(field.rate, field.jacobian, start, times, least)
+    check, growth = _gaps(found, fine, least), _growth(field, start, times, found, least)
     certificate = tuple(
-        max(safety * gap(a, b, least), ROUNDINGS * EPS * g, EPS, c if c > CONTRADICTION else 0.0)
-        for a, b, c, g in zip(radau, gauss, check, growth, strict=True)
+        max(safety * gap(a, b, least), ROUNDINGS * EPS * max(1.0, g), c if c > CONTRADICTION else 0.0)
+        for a, b, c, g in zip(coarse, fine, check, growth, strict=True)
     )
     source = (
-        f"Gauss {stages}-stage against Radau IIA {stages + 1}-stage collocation in {DESCRIPTION}; "
+        f"Radau IIA collocation of {stages[0]} against {stages[1]} stages in double precision; "
         f"SciPy agrees to {max(check):.1e}"
     )
-    floor = tuple(c + eps / 2 for c in certificate)  # the states are rounded to double
-    return Reference(times, gauss.astype(float), certificate, floor, source)
+    floor = tuple(c + EPS / 2 for c in certificate)  # the states are rounded to double
+    return Reference(times, fine, certificate, floor, source)
 
 
 def _gaps(found: NDArray[Any], states: NDArray[Any], least: Any = 1.0) -> list[float]:
     """Of each row; inf where it is no number."""
-    gaps = [gap(a.astype(float), b.astype(float), least) for a, b in zip(found, states, strict=True)]
+    gaps = [gap(a, b, least) for a, b in zip(found, states, strict=True)]
     return [np.inf if np.isnan(x) else x for x in gaps]
 
 
 def _growth(
-    field: InDoubles, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any, least: Any
+    field: Field, z0: NDArray[np.float64], times: tuple[float, ...], plain: Any, least: Any
 ) -> NDArray[np.float64]:
     """How much at most a relative change of each number that enters and leaves the equations, always alike, moves the
     state from `plain`, per time; inf where SciPy did not arrive."""

@@ -3,7 +3,7 @@
 Built-in scenarios have stored references, found by their numbers and not by their name, so that a variant made by
 `replace()` never gets the wrong one. Everything else is computed on the fly from the system's own traced equations, by
 two Taylor series in double-doubles (`pairs`: milliseconds) or, where these lead nowhere, by two collocations in
-extended precision (`certified.compute`: seconds), and cached under a hash of all that it depends on.
+doubles (`certified.compute`: seconds), and cached under a hash of all that it depends on.
 """
 
 from __future__ import annotations
@@ -30,8 +30,6 @@ from ..systems.scenario import Scenario
 from . import pairs
 from .certified import KINKED, SAFETY, Reference, cached, compute, gap, scenario_hash, stored
 from .collocation import ReferenceFailed
-from .extended_precision import extended
-from .precision import LONG
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
 SHORT = 10.0  # the same, of one among many
@@ -131,22 +129,23 @@ class _Recipe:
                 f"numbers; {scenario.name} has {scenario.model.size}. scipy_dop853 at a small tolerance takes it."
             )
         self.model, self.start, self.times = scenario.model, scenario.z0, times
-        self.field = extended(scenario, "vector_field")
-        self.z0 = scenario.z0.astype(LONG)
-        text = f"{algorithm()} {self.field.fingerprint(self.z0)} {times} {self.model.least.tolist()}"
+        self.text, _ = self.model.formula("vector_field")
+        parts = (self.model.constant_values, self.start)
+        text = f"{algorithm()} {self.text} {[x.tolist() for x in parts]} {times} {self.model.least.tolist()}"
         self.key = hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
         """By the series; where they lead nowhere by the collocations."""
-        (found,) = pairs.solve([self.model], [self.start], self.times, self.field.text)
+        (found,) = pairs.solve([self.model], [self.start], self.times, self.text)
         return self.collocations() if found is None else from_pair(found, self.times)
 
     def collocations(self, max_seconds: float | None = None) -> Reference:
         """By the slower way, which takes stiff equations, too."""
-        limit = DEADLINE if max_seconds is None else max_seconds
-        least, safety = self.model.least_each, KINKED if "abs(" in self.field.text else SAFETY
-        field = Field(self.model)
-        return compute(self.field, field, self.z0, self.times, max_seconds=limit, least=least, safety=safety)
+        safety = KINKED if "abs(" in self.text else SAFETY
+        return compute(
+            Field(self.model), self.start, self.times, max_seconds=DEADLINE if max_seconds is None else max_seconds,
+            least=self.model.least_each, safety=safety,
+        )  # fmt: skip
 
 
 def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:

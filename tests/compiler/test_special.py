@@ -8,8 +8,6 @@ from tcbench.compiler import special
 from tcbench.compiler.derivatives import jacobian, variables
 from tcbench.compiler.kernels import kernel
 from tcbench.compiler.symbols import make
-from tcbench.reference.extended_precision import _FUNCTIONS
-from tcbench.reference.precision import LONG
 
 mp.mp.dps = 60
 EXACT = {
@@ -55,9 +53,6 @@ def test_the_divided_difference_of_tanh_keeps_its_digits(a, d):
         bend = mp.coth(step) - 1 / step if d else mp.mpf(0)
         assert abs(special.tanh_slope(a, d) - exact) <= 2.3e-16 * (5 + abs(a)) * exact + 1e-300  # of a + d
         assert abs(special.langevin(d) - bend) <= 1e-15 * abs(bend)
-        for found, wanted in ((_FUNCTIONS["tanh_slope"](LONG.type(a), LONG.type(d)), exact),
-                              (_FUNCTIONS["langevin"](np.array([d], LONG))[0], bend)):  # fmt: skip
-            assert abs(float(found) - wanted) <= 1e-15 * (1 + abs(a)) * abs(wanted) + 1e-300
 
 
 @pytest.mark.parametrize(
@@ -66,8 +61,8 @@ def test_the_divided_difference_of_tanh_keeps_its_digits(a, d):
 def test_the_divided_difference_of_a_size_is_a_sign_to_the_last_bit(a, d):
     b = a + d
     exact = (mp.mpf(abs(b)) - mp.mpf(abs(a))) / (mp.mpf(b) - mp.mpf(a)) if d else 0.0
-    signs = [special.abs_slope(a, d), float(_FUNCTIONS["abs_slope"](LONG.type(a), LONG.type(d)))]
-    assert signs == [exact, exact] if abs(exact) == 1 else np.allclose(signs, float(exact), rtol=1e-15)
+    sign = special.abs_slope(a, d)
+    assert sign == exact if abs(exact) == 1 else np.isclose(sign, float(exact), rtol=1e-15)
     x = variables("x", 2)
     slope = make("abs_slope", *x)
     found = kernel({x[0]: "a[0]", x[1]: "a[1]"}, jacobian([slope], x).ravel())(np.array([a, d]), np.zeros(1))
