@@ -40,8 +40,15 @@ def onto_invariants(z0, z1, h, system, start, first, shares=None):
     """z1 = z0 moved, where a step from `start` lost an invariant."""
     if not shares:
         return z1 - z0
+    weights = system.least_of(z0) ** 2
+    return onto_laws(system, shares, start, z0, z1, lambda slope: weights * slope, 0.0)
+
+
+def onto_laws(system, shares, start, z0, z1, turned, produced):
+    """z1 = z0 moved along slopes of the laws, each `turned` into a direction by a symmetric matrix, so that energy and
+    invariants are those of `start` and the entropy is that of z0 and what is to be `produced`."""
     *a, b = shares.values()
-    ways, sizes, left = free_parts(system, slopes_between(system, shares, start, z0), system.least_of(z0) ** 2)
+    ways, sizes, left = free_parts(system, slopes_between(system, shares, start, z0), turned)
     rest, entropy = AT_REST**2 / (left[-1] + NONE), (left[-1] + NONE) ** 0.5
     move = sum(way * x for way, x in zip(ways, [*a, b / entropy], strict=True))
     *slopes, _ = slopes_between(system, shares, start, z1)
@@ -51,7 +58,7 @@ def onto_invariants(z0, z1, h, system, start, first, shares=None):
         lifted(product(system, slope, z1 - start)) * size + keep * x
         for slope, size, keep, x in zip(slopes, sizes, damping, a, strict=False)
     ]
-    made = lifted(product(system, DS, move)) * sizes[-1]
+    made = (lifted(product(system, DS, move)) - produced) * sizes[-1]
     return z1 - z0 - move, [*equations, (entropy * made + rest * b) / (left[-1] + rest)]
 
 
@@ -62,13 +69,14 @@ def slopes_between(system, shares, z0, z1):
     return [system.discrete_gradient(z0, z1), *chosen, system.discrete_entropy_gradient(z0, z1)]
 
 
-def free_parts(system, slopes, weights):
+def free_parts(system, slopes, turned):
     """Directions, each the part of a slope that leaves the laws before it alone (Gram and Schmidt); 1 over the size of
     each slope; and the square of its free part, over that of the slope."""
     ways, sizes, left = [], [], []
     for slope in slopes:
-        size = 1 / (lifted(product(system, slope, weights * slope)) + NONE) ** 0.5
-        way = weights * slope * size
+        way = turned(slope)
+        size = 1 / (lifted(product(system, slope, way)) + NONE) ** 0.5
+        way = way * size
         shares = [
             lifted(product(system, slope, other)) * size / (square + ROUND_OFF)
             for other, square in zip(ways, left, strict=True)

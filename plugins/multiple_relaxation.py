@@ -1,0 +1,99 @@
+"""Multiple relaxation: a Runge-Kutta step whose stages are weighed anew so that both laws hold at once; explicit.
+
+The step ends in z~ = z0 + h sum b_i f_i, f_i = f(Y_i), and misses both laws by O(h^(p+1)). With other weights,
+
+    z1 = z~ + h sum_i g_i f_i,
+    E(z1) = E(z0),   S(z1) = S(z0) + h sum b_i grad S(Y_i) . f_i,
+
+the energy is exact, and the entropy grows by its own quadrature, each term of which is grad S . M grad S >= 0, so that
+it never falls. Of all such weights those of the shortest move are taken, along the parts of grad E and grad S that the
+stages span; their two sizes are the only unknowns. Further invariants are kept as well as the method keeps them: where
+the stages are nearly parallel, as at small steps, they do not span the slopes of more laws.
+"""
+
+from tcbench import Flow, Integrator, family, hookimpl
+from tcbench.compiler.derivatives import lifted
+from tcbench.solver.mending import product
+
+from .relaxation import TABLEAUX
+from .tc_invariant import onto_laws
+
+DEPENDENT = 1e-10  # of a rate, its part that is free of those before: round-off
+NONE = 1e-300  # beside a square that may be 0
+
+
+def held(system):
+    return ("energy", "entropy")
+
+
+def stages(order, z0, h, system):
+    """States Y_i and rates f_i of an explicit method, and its weights."""
+    A, b = TABLEAUX[order]
+    states, rates = [], []
+    for row in A:
+        moves = [h * a * f for a, f in zip(row, rates, strict=True) if a]
+        states.append(system.state(z0 + sum(moves[1:], moves[0])) if moves else system.state(z0))
+        rates.append(system.vector_field(states[-1]))
+    return states, rates, b
+
+
+def orthogonal(system, rates, units):
+    """Orthogonal directions of the same span as the rates, (s, n), in units squared; of what is made of those before
+    it nothing is left."""
+    found = []
+    for f in rates:
+        rest = f
+        for e in (*found, *found):  # twice is enough (Parlett)
+            rest = rest - e * lifted(product(system, e, rest / units))
+        square = lifted(product(system, f, f / units))
+        found.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + NONE) ** 0.5)
+    return found
+
+
+def runge_kutta(order):
+    def residual(z0, z1, h, system):
+        _, rates, b = stages(order, z0, h, system)
+        return z1 - z0 - sum(h * w * f for w, f in zip(b, rates, strict=True) if w)
+
+    return residual
+
+
+def weighed_anew(order):
+    def residual(z0, z1, h, system, start, first, shares=None):
+        if not shares:
+            return z1 - z0
+        states, rates, b = stages(order, start, h, system)
+
+        directions = orthogonal(system, rates, system.least_of(start) ** 2)
+
+        def combined(slope):
+            return sum(e * lifted(product(system, slope, e)) for e in directions)
+
+        wanted = sum(
+            h * w * lifted(product(system, system.entropy_gradient(Y), f))
+            for Y, f, w in zip(states, rates, b, strict=True)
+            if w
+        )
+        DS = system.discrete_entropy_gradient(start, z0)
+        produced = wanted - lifted(product(system, DS, z0 - start))
+        return onto_laws(system, shares, start, z0, z1, combined, produced)
+
+    return residual
+
+
+def multiple_relaxation(order="4"):
+    p = int(order)
+    return Integrator(
+        name="multiple_relaxation",
+        order=p,
+        claims={"energy", "entropy"},
+        source="Biswas and Ketcheson (2023), SIAM J. Sci. Comput. 45: A3305-A3331; Ranocha et al. (2020)",
+        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, numbers=held)],
+        tags={"explicit", "projected"},
+        by_default=False,
+    )
+
+
+@hookimpl
+def tcbench_integrators():
+    return [family(multiple_relaxation, order=(4, 2, 3))]
