@@ -21,12 +21,11 @@ from ..systems.scenario import Scenario
 from . import hashes
 from .cell import Cell
 from .codec import digest
-from .cores import usable_cores
 from .declared import declared
 from .disk import could_write
 from .eta import Remaining
 from .ledger import Summary, check_limits, plan
-from .provenance import machine_name
+from .provenance import machine_name, usable_cores
 from .rows import ROWS, Rows, Store
 
 

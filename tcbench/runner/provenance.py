@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from ..packages import installed_version
-from .cores import usable_cores
 
 # a new version of these may change digits, so it changes keys
 NUMERICAL_PACKAGES = ("numpy", "scipy", "llvmlite")
@@ -77,6 +76,13 @@ def machine_name(kind: Any = None) -> str:
     elif not isinstance(kind, Mapping):  # of a damaged file
         kind = {}
     return "{cpu}, {cores} cores, {architecture} {system}".format_map({**dict.fromkeys(machine(), "?"), **kind})
+
+
+def usable_cores() -> int:
+    """The cores that this process may keep busy: its affinity, and the quota of the container that it runs in."""
+    from loky import cpu_count
+
+    return int(cpu_count())
 
 
 def cpu_model() -> str:

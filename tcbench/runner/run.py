@@ -16,12 +16,11 @@ from ..progress import of_cells, waiting
 from ..simulation.series import ROW as SERIES
 from ..studies.base import in_order
 from ..systems.scenario import Scenario
-from .cores import usable_cores
 from .declared import merged
 from .eta import Remaining
 from .ledger import Ledger, Summary, check_limits, plan
 from .plan import Job, plan_job
-from .provenance import machine_name, provenance, utc_now
+from .provenance import machine_name, provenance, usable_cores, utc_now
 from .rows import Store
 from .scheduler import run_cells
 from .tables import latest_rows, made_and_kept, make_tables, read_tables

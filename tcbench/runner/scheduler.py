@@ -28,8 +28,8 @@ from ..errors import TcbenchError
 from .cell import Cell
 from .child import READY, Child, how_it_died, signal_name
 from .codec import from_json, row_bytes, to_json
-from .cores import usable_cores
 from .ledger import Event, Ledger, Summary, check_limits, plan
+from .provenance import usable_cores
 from .rows import Rows, Store
 from .worker import cut, exception_row, read_tail
 
