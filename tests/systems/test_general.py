@@ -13,11 +13,11 @@ from tcbench.studies import convergence
 
 SIX = ("damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction")
 PAPER = ("tc_monolithic", "tc_staggered", "tc_strang")
-GRADIENTS = ("tc_gonzalez", "tc_itoh_abe", "tc_mean_value")  # of other authors
+GRADIENTS = ("tc_gonzalez", "tc_itoh_abe", "tc_averaged", "tc_mean_value")  # of other authors
 SCENARIOS = {name: tcbench.scenarios()[name] for name in SIX}
 
 
-LAWFUL = [*PAPER, "tc_gonzalez", "tc_itoh_abe", "tc_gauss[k=2]", "tc_gauss", "projected[method=gauss2]"]
+LAWFUL = [*PAPER, "tc_gonzalez", "tc_itoh_abe", "tc_averaged", "tc_gauss[k=2]", "tc_gauss", "projected[method=gauss2]"]
 ADAPTIVE = ["tc_taylor", "tc_auto", "controlled", "tc_gauss_adaptive"]  # all who claim energy, entropy and invariants
 
 
