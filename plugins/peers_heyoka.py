@@ -29,8 +29,10 @@ def compiled(system, tolerance, own):
 
 def refuses(system):
     n = system.size
-    told = f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}: take tc_taylor"
-    return told if n > MOST else ""
+    if n > MOST:
+        return f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}: take tc_taylor"
+    kinked = "abs(" in system.formula("vector_field")[0]
+    return f"the rates of {system.name} use abs, which heyoka does not have: take tc_taylor" if kinked else ""
 
 
 def heyoka(system, z0, t_eval, rtol, atol):

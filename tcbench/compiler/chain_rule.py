@@ -105,13 +105,16 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         return 2.0 * x.middle * scale, 2.0 * edges[1].middle * scale
     if op == "pow":  # exp(exponent log(base)), or of what may be 0 a root and a whole power
         y = edges[1]
-        if is_const(y.value) and 1.0 < y.value.value < math.inf and y.value.value % 1 and not x.value.positive:
-            return (rectangle(x.value, x.step, ZERO, ZERO)[0] ** y.value.value).pi_at_s0, ZERO
+        power = y.value.value if is_const(y.value) else math.inf
+        if math.isfinite(power) and (power > 1.0 or power % 1 == 0) and not x.value.positive:
+            return (rectangle(x.value, x.step, ZERO, ZERO)[0] ** power).pi_at_s0, ZERO
         of_log = _of_function("log", x)
         log = Edge(x.value.log(), of_log * x.step)
         by_base, by_exponent = y.middle * of_log, log.middle
         outer = value * ONE.make("phi", by_base * x.step + by_exponent * y.step)
         return outer * by_base, outer * by_exponent
+    if op == "sqrt" and any(is_const(a, ops.TINY) for a in node.args[0].args):  # of a power above 1, see `power`
+        return (rectangle(x.value, x.step, ZERO, ZERO)[0].root().pi_at_s0,)
     return (_of_function(op, x),)
 
 

@@ -129,9 +129,9 @@ class Corners:
             # of what may be 0, where the power above 1 has a slope and its root has none
             whole, root = exponent - rest, self + TINY if exponent > 1.0 else self
             if rest != 0.5:  # of a root so high that the two ends are of one size, whose logarithms keep their digits
-                root = reduce(lambda x, _: x.sqrt(), range(HIGH), root)._by_logarithm(2**HIGH * rest)
+                root = reduce(lambda x, _: x.root(), range(HIGH), root)._by_logarithm(2**HIGH * rest)
             else:
-                root = root.sqrt()
+                root = root.root()
             return self**whole * root if whole else root
         result = one = self.lifted(1.0)
         # of 1/x, not 1 over the power, whose end is what is left of its start: nothing, if that is many times larger
@@ -141,6 +141,10 @@ class Corners:
                 result = square if result is one else result * square
             square, n = square * square if n > 1 else square, n >> 1
         return result
+
+    def root(self) -> Corners:
+        """Of what is not negative: an end that ought to be 0 may be below it by round-off."""
+        return self._apply(self.value.sqrt(), lambda a, b, slope, _: slope / (abs(a).sqrt() + abs(b).sqrt()))
 
     def _by_logarithm(self, exponent: Any) -> Corners:
         logarithm: Corners = self.log() * exponent

@@ -17,6 +17,7 @@ from . import quadrature
 
 Floats = NDArray[np.float64]
 MOST_STEPS, MOST_ITERATIONS = 200_000, 40
+CROWDED, LEAST_ADVANCE = 500, 1e-6  # after so many tries no further than this part of the time: they never arrive
 SOLVED, NOISE = 1e-15, 1e-10  # a correction that ends an iteration; one below which slow progress is round-off
 
 
@@ -78,11 +79,19 @@ def integrate(
     method, z = radau(stages), np.array(z0, float)
     t, h, lost = 0.0, 1e-3, np.zeros_like(z)
     last: tuple[Floats, float] | None = None  # stage derivatives of the last step and its length
-    states, steps, deadline = [], 0, time.monotonic() + max_seconds
+    states, steps, deadline, mark = [], 0, time.monotonic() + max_seconds, t
     for end in times:
         while t < end:
             steps += 1
-            if steps > MOST_STEPS or time.monotonic() > deadline or h < 1e-14 * end:
+            stuck = h < 1e-14 * end or (steps % CROWDED == 0 and t - mark < LEAST_ADVANCE * end)
+            if stuck:
+                raise ReferenceFailed(
+                    f"{stages}-stage collocation comes no further than t = {t:.6g} of {end:g}: the rates jump or "
+                    "have a pole there, or there are motions far faster than the horizon is long, and no reference "
+                    "can be had beyond. Give the scenario a t_converge before that time."
+                )
+            mark = mark if steps % CROWDED else t
+            if steps > MOST_STEPS or time.monotonic() > deadline:
                 raise ReferenceFailed(
                     f"{stages}-stage collocation stopped at t = {t:.6g} of {end:g} after {steps - 1} tries with "
                     f"h = {h:.2g}. Give the scenario a smaller t_converge: references are for systems of some "

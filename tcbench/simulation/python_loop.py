@@ -235,11 +235,13 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     model, z0 = scenario.model, scenario.z0.copy()
     states, status, failure = np.empty((0, model.size)), "ok", ""
     counts: Any = {}
+    given: list[np.ndarray] = []
     begin, work = time.perf_counter(), time.process_time()
     try:
         if integrator.outputs is not None:
             rows, counts = integrator.outputs(model, z0, t, tolerance, tolerance)
-            states = _until_failed(rows, scenario, t, meter)
+            _until_failed(rows, scenario, t, meter, given)
+            states = np.array(given)
         else:
             result = integrator.adaptive(model, z0, t, tolerance, tolerance)
             states, counts = result if isinstance(result, tuple) else (result, {})
@@ -249,29 +251,29 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
         counts = {name: int(value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
-        states, (status, failure) = np.empty((0, model.size)), raised(error, 1, 0.0)
+        states = np.array(given) if given else np.empty((0, model.size))  # those before it stand
+        status, failure = raised(error, max(1, len(given)), float(t[max(0, len(given) - 1)]))
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
     return Solved(states, counts, status, failure, wall, work)
 
 
-def _until_failed(rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter) -> np.ndarray:
-    """The states that an iterator gives, up to the first that has failed."""
-    monitor, states, reason = Monitor(scenario, t[1], len(t) - 1, 1), np.empty((len(t), scenario.model.size)), OK
+def _until_failed(
+    rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter, given: list[np.ndarray]
+) -> None:
+    """Into `given` the states that an iterator gives, up to the first that has failed."""
+    monitor = Monitor(scenario, t[1], len(t) - 1, 1)
     for i in range(len(t)):
         row = next(rows, None)
         if row is None:
             raise ValueError(f"outputs ended after {i} states, {len(t)} were asked for")
-        states[i] = _as_states(row, states[i].shape)
+        given.append(_as_states(row, (scenario.model.size,)))
         meter.done, meter.total = i, len(t) - 1
-        if i:
-            reason, _ = monitor.add(i, states[i : i + 1])
-        if reason != OK:
-            return states[: i + 1]
-    return states
+        if i and monitor.add(i, given[i][None])[0] != OK:
+            return
 
 
-def _as_states(value: Any, shape: tuple[int, int]) -> np.ndarray:
+def _as_states(value: Any, shape: tuple[int, ...]) -> np.ndarray:
     try:
         z = real(value)
     except TypeError as error:

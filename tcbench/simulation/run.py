@@ -25,7 +25,6 @@ from .trajectory import Trajectory
 
 MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
 SMALL = 100  # length of a state; of longer ones fewer steps
-LEAST_TOLERANCE = 1e-16  # half of the round-off of a number
 LEAST_TOLERANCE = float(np.finfo(float).eps)
 CHUNK = 100_000  # steps between looks at the clock and the keyboard
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.symbols import Symbol, array, const
+from ..compiler.symbols import Symbol, array, const, is_const
 
 
 class Operator(np.lib.mixins.NDArrayOperatorsMixin):
@@ -107,6 +107,9 @@ def projected(matrix: Any, x: Any, kernel: Any) -> Any:
     matrix = np.asarray(matrix, dtype=object)
     if not any(isinstance(entry, Symbol) or entry != 0 for entry in matrix.ravel()):
         return array([const(0.0)] * len(kernel))
+    if all(is_const(entry, 0.0) if isinstance(entry, Symbol) else entry == 0 for entry in kernel):  # S is constant
+        product: Any = matrix @ x
+        return product
     size = kernel @ kernel
     y = matrix @ (x - kernel * ((kernel @ x) / size))
     return y - kernel * ((kernel @ y) / size)

@@ -38,6 +38,25 @@ def test_derivatives_at_zero(p):
     assert found(np.array([0.3]), np.zeros(1))[:2] == pytest.approx([0.3**p, p * 0.3 ** (p - 1)], rel=1e-14)
 
 
+@pytest.mark.parametrize("p", [65, 66, 101, -67])
+@pytest.mark.parametrize("a, b", [(-0.7, 0.4), (0.9, -0.8), (-0.6, -0.9), (0.8, 0.8)])
+def test_whole_powers_beyond_what_is_multiplied_out_take_either_sign(p, a, b):
+    (x, start, step) = inputs = variables("x", 3)
+    of_systems = kernel({s: f"a[{i}]" for i, s in enumerate(inputs)}, discrete_gradient(x**p, [x], [start], [step]))
+    expected = (b**p - a**p) / (b - a) if a != b else p * a ** (p - 1)
+    assert of_systems(np.array([0.0, a, b - a]), np.zeros(1)) == pytest.approx([expected], rel=1e-12)
+
+
+@pytest.mark.parametrize("p", [1.3, 1.5, 2.2, 2.75])
+@pytest.mark.parametrize("a, b", [(0.3, -0.7), (-0.7, 0.3), (1 / 3, -0.1), (0.7, -1e-9), (-0.2, -0.1)])
+def test_powers_of_a_positive_part_have_their_slopes_across_its_end(p, a, b):
+    """That end is 0 up to round-off, of either sign."""
+    (x, start, step) = inputs = variables("x", 3)
+    f = discrete_gradient(((abs(x) + x) / 2) ** p, [x], [start], [step])
+    found = kernel({s: f"a[{i}]" for i, s in enumerate(inputs)}, f)(np.array([0.0, a, b - a]), np.zeros(1))
+    assert found == pytest.approx([(max(b, 0.0) ** p - max(a, 0.0) ** p) / (b - a)], rel=1e-12, abs=1e-15)
+
+
 def test_a_root_written_as_a_power():
     assert divided_difference(lambda x: x**0.5, 0.0, 4.0) == divided_difference(np.sqrt, 0.0, 4.0) == 0.5
 

@@ -193,6 +193,28 @@ def test_a_solution_that_cannot_be_computed_is_an_error_that_says_where(monkeypa
         truth.reference_for(scenario, [1.0])
 
 
+def test_a_motion_that_chatters_is_told_as_such_and_soon():
+    """x' = -sign(x - 1/2) stays at 1/2 from t = 1/2 on (https://github.com/OpenModelica/OpenModelica/issues/9711)."""
+
+    class Dragged(tcbench.System):
+        variables = {"x": (), "s": ()}
+
+        def energy(self, z):
+            return abs(z.x - 0.5) + 2 * z.s
+
+        def entropy(self, z):
+            return z.s
+
+        def irreversible(self, z, dE, dS):
+            return {"x": -dE.x, "s": dE.x**2 / dE.s}
+
+    scenario = tcbench.Scenario("dragged", Dragged, {}, initial={"x": 1.0, "s": 0.0}, t_end=1, dt=0.1)
+    with pytest.raises(ReferenceFailed, match=r"no further than t = 0\.5 of 0\.8: the rates jump"):
+        truth.reference_for(scenario, [0.8])
+    run = tcbench.simulate("solve_ivp_radau", scenario, tolerance=1e-4)
+    assert not run.ok and abs(run.t[-1] - 0.5) < 0.01 and abs(run.z[-1, 0] - 0.5) < 0.01
+
+
 def test_a_reference_that_failed_is_not_tried_by_each_method_again(monkeypatch):
     scenario, tries = tcbench.scenarios()["short_term"].replace(coupling=0.22), []
 

@@ -75,3 +75,27 @@ def test_every_method_runs_and_all_end_at_the_same_state(name):
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_check_passes(name):
     assert [line for line in check.scenario_lines(SCENARIOS[name]) if line.verdict == check.FAIL] == []
+
+
+class Top(System):
+    """A rigid body by its matrix L(m), and no entropy at all: L has nothing to be orthogonal to."""
+
+    variables = {"m": (3,)}
+
+    def energy(self, z):
+        return (z.m**2 / np.array([1.0, 2.0, 3.0])).sum() / 2
+
+    def entropy(self, z):
+        return 0.0
+
+    def poisson(self, z):
+        o = 0 * z.m[0]
+        return np.array([[o, -z.m[2], z.m[1]], [z.m[2], o, -z.m[0]], [-z.m[1], z.m[0], o]])
+
+
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_gauss", "midpoint_entropy"])
+def test_a_matrix_stands_beside_a_constant_entropy(method):
+    top = Scenario("top", Top, {}, initial={"m": [1.0, 0.1, 0.2]}, t_end=3, dt=0.1, shows="no entropy", source="here")
+    run = simulate(method, top)
+    assert run.ok and run.summary.energy_error_max < 1e-13
+    assert np.allclose((run.z**2).sum(axis=1), 1.05, atol=1e-13)
