@@ -191,7 +191,9 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
 
 def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
     """A run in a process of its own: ends in time, with a status."""
-    scenario = integrator_checks.scenarios(method)[0]  # not a stiff one, on which explicit methods fail at any such step
+    scenario = integrator_checks.scenarios(method)[
+        0
+    ]  # not a stiff one, on which explicit methods fail at any such step
     dt = min(SMALL, integrator_checks.GENTLE * scenario.dt)
     settings: dict[str, float] = {"dt": dt, "t_end": 10 * dt} if name == "runs" else {"dt": 1000.0, "t_end": 10000.0}
     if method.kind == "adaptive":

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from ..analysis.timing import solved
+from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..simulation.run import simulate
+from ..simulation.stepper import stepper
 from ..study import Cells, Row, Study, Tables
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
@@ -33,6 +35,7 @@ COARSE = 4  # times the scenario's own step
 TOLERANCE = 1e-6  # of solvers that choose their steps
 LONG = 2**14  # steps of the run whose energy error is followed
 OCTAVES = 6  # the last ones of it, to which the exponent is fitted
+SUBSTEPS = 20  # of each formula of a splitting alone
 NUDGE = 1e-5  # of the components, for the slopes of a step: what is left of them is 1e-9
 MEASURES = Table(
     "measures",
@@ -43,13 +46,19 @@ MEASURES = Table(
         Column("error_path_rms", "root mean square of the error over the trajectory", "path rms", worse="larger"),
         "error_theta", "error_entropy_produced",
         Column("symplecticity_defect", "|M L Mᵀ − L| of a step without dissipation", "symplecticity", worse="larger"),
+        Column("reversibility_defect", "|z − Φ₋ₕ(Φₕ(z))|, a step and its way back", "reversibility", worse="larger"),
+        Column("substep_energy_error_max", "largest |ΔE| / V₀ of a sub-step", "sub-step dE", worse="larger"),
+        Column("substep_entropy_fall_max", "largest fall of S in a sub-step", "sub-step dS", worse="higher"),
         Column("energy_growth_exponent", "a of |E − E₀| ~ tᵃ", "growth", worse="higher"),
         Column("energy_growth_end", "|E − E₀| / V₀ of the last half of a long run", "dE long", worse="larger"), "t",
         "failure",
     ),
     key=("dt", "tolerance"),
 )  # fmt: skip
-NOT_OF_ALL = ("error_theta", "error_entropy_produced", "symplecticity_defect")  # without temperature, dissipation, L
+NOT_OF_ALL = (  # without temperature, dissipation, L, a step of its own, sub-steps
+    "error_theta", "error_entropy_produced", "symplecticity_defect", "reversibility_defect", "substep_energy_error_max",
+    "substep_entropy_fall_max",
+)  # fmt: skip
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
@@ -64,7 +73,8 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     row = path_errors(integrator, scenario, options)
     row["symplecticity_defect"] = symplecticity_defect(integrator, scenario, options)
-    return row | energy_growth(integrator, scenario, options)
+    row["reversibility_defect"] = reversibility_defect(integrator, scenario, options)
+    return row | substep_laws(integrator, scenario, options) | energy_growth(integrator, scenario, options)
 
 
 def path_errors(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -153,6 +163,33 @@ def _one_step(integrator: Integrator, start: Scenario, h: float, options: Row) -
     if status != "ok":
         raise ArithmeticError(failure)
     return np.asarray(states[-1])
+
+
+def reversibility_defect(integrator: Integrator, scenario: Scenario, options: Row) -> float:
+    """max |z0 - step(step(z0, h), -h)| over the size of each number: 0 of a method that is its own adjoint, dissipation
+    or not. NaN of solvers that choose their steps, multistep methods, and where one of the steps cannot be had."""
+    if integrator.kind == "adaptive" or integrator.memory:
+        return math.nan
+    step, z0, h = stepper(integrator, scenario), np.asarray(scenario.z0), options["dt"]
+    try:
+        back = np.asarray(step(step(z0, h), -h))
+    except (ArithmeticError, TcbenchError):
+        return math.nan
+    return float(np.max(np.abs(back - z0) / np.maximum(scenario.model.least_each, np.abs(z0))))
+
+
+def substep_laws(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
+    """Of a method that is several formulas one after the other: |E1 - E0| over V0 and the fall of S of each alone, over
+    SUBSTEPS steps of its part of h from the start; nothing of other methods (Romero's Theorem 4 is about these)."""
+    if integrator.flows is None or len(integrator.flows) < 2 or integrator.memory:
+        return {}
+    lost, fell = [], []
+    for flow in integrator.flows:
+        alone = replace(integrator, name="sub_step", flows=(flow,), parameters={}, family=None)
+        run = simulate(alone, scenario, dt=options["dt"], t_end=SUBSTEPS * options["dt"])
+        lost.append(run.summary.energy_error_max if run.ok else math.nan)
+        fell.append(max(0.0, -run.summary.entropy_increment_min) if run.ok else math.nan)
+    return {"substep_energy_error_max": max(lost), "substep_entropy_fall_max": max(fell)}
 
 
 def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> Row:

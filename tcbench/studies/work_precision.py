@@ -27,8 +27,9 @@ from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
+from .columns import shared
 from .convergence import groups, relative_error
-from .cost import COST, HIDES, TARGETS, TO_ACCURACY, cost_rows, reached_error, time_to_accuracy
+from .cost import BOUGHT, COST, HIDES, TARGETS, TO_ACCURACY, bought, cost_rows, reached_error, time_to_accuracy
 from .frames import table_of
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
@@ -58,6 +59,7 @@ WORK = Table(
         "reference_floor",
         Column("wall_time_min_s", "wall time (minimum)", "seconds", "s", "higher", timing=True),
         Column("wall_time_median_s", "wall time (median)", "", "s", "higher", timing=True), "repeats", "steps",
+        shared("tolerance", optional=True),
         Column("newton_iterations", "Newton iterations", worse="larger"),
         Column("rhs_evaluations", "right-hand sides evaluated", worse="larger"),
         Column("evaluations", "evaluations of the right-hand side or formula", worse="larger"), "inner_steps_mean", "t",
@@ -291,11 +293,14 @@ def tabulate(records: Sequence[Row]) -> Tables:
     for record in records:
         common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
         for point in record.get("points") or [{}]:
-            rows.append(common | point)
+            rows.append(
+                common | point | ({"tolerance": point["value"]} if record.get("control") == "rtol" and point else {})
+            )
     return {
         "work_precision": table_of(rows, WORK),
         "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
         "cost": pd.DataFrame(cost_rows(records)),
+        "bought": table_of(bought(records), BOUGHT),
     }
 
 
@@ -303,7 +308,7 @@ STUDY = Study(
     name="work_precision",
     place=60,
     description="error against time on ladders of steps and tolerances, and how the time grows with the work",
-    tables=(WORK, TO_ACCURACY, COST),
+    tables=(WORK, TO_ACCURACY, COST, BOUGHT),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -9,7 +9,14 @@ import tcbench
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.simulation.metrics import evaluations
 from tcbench.studies.cost import reach
-from tcbench.studies.measures import STUDY, energy_growth, path_errors, symplecticity_defect
+from tcbench.studies.measures import (
+    STUDY,
+    energy_growth,
+    path_errors,
+    reversibility_defect,
+    substep_laws,
+    symplecticity_defect,
+)
 
 GAS = {"dt": 0.1}
 
@@ -93,6 +100,21 @@ def test_a_row_of_a_solver_and_of_a_failure():
     assert row["error_path_max"] < 1e-2 and math.isnan(row["energy_growth_exponent"])
     lost = STUDY.measure(find_integrator("ybaby"), find_scenario("stiff_spring"), {"dt": 1.2})
     assert lost["status"] != "ok" and lost["failure"] and len(STUDY.tabulate([row, lost])["measures"]) == 2
+
+
+def test_symmetric_methods_go_back_to_where_they_began_and_their_sub_steps_keep_the_laws():
+    """(A1) is its own adjoint with dissipation, too; of a splitting that order of its parts decides it."""
+    scenario = find_scenario("damped_oscillator")
+    assert reversibility_defect(find_integrator("tc_monolithic"), scenario, {"dt": 0.3}) < 1e-14
+    assert reversibility_defect(find_integrator("tc_strang"), scenario, {"dt": 0.3}) < 1e-14
+    assert reversibility_defect(find_integrator("tc_staggered"), scenario, {"dt": 0.3}) > 1e-4
+    heun = tcbench.Integrator(name="heun", order=2, flows=heun_step)
+    assert reversibility_defect(heun, scenario, {"dt": 0.3}) > 1e-4
+    assert math.isnan(reversibility_defect(find_integrator("scipy_dop853"), scenario, {"tolerance": 1e-6}))
+    kept = substep_laws(find_integrator("tc_strang"), scenario, {"dt": 0.3})
+    assert kept["substep_energy_error_max"] < 1e-14 and kept["substep_entropy_fall_max"] == 0.0
+    assert substep_laws(find_integrator("ybaby"), scenario, {"dt": 0.3})["substep_energy_error_max"] > 1e-3
+    assert substep_laws(find_integrator("tc_monolithic"), scenario, {"dt": 0.3}) == {}
 
 
 def test_evaluations_are_counted_alike_on_every_machine():

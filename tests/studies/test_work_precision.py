@@ -9,7 +9,7 @@ import tcbench
 from tcbench import Integrator
 from tcbench.analysis import timing
 from tcbench.studies import work_precision as study
-from tcbench.studies.cost import cost_rows, exponent, reach, time_to_accuracy
+from tcbench.studies.cost import bought, cost_rows, exponent, reach, time_to_accuracy
 
 SCENARIO = tcbench.scenarios()["short_term"].replace(t_end=1.0)
 
@@ -140,6 +140,28 @@ def test_an_error_that_the_reference_hides_reaches_no_accuracy_beyond_the_refere
     rows = time_to_accuracy([{"scenario": "s", "integrator": "a", "points": rungs, "reference_floor": 1e-8}])
     times = {row["target"]: row["time_s"] for row in rows if row["measure"] == "error"}
     assert 1.0 < times[1e-3] < times[1e-6] < 9.0 and math.isnan(times[1e-9])
+
+
+def test_what_a_step_and_a_tolerance_buy():
+    """Errors meet 1 % between two rungs; a larger step that happens to be right is none."""
+    errors = {0.8: 0.005, 0.4: 0.16, 0.2: 0.04, 0.1: 0.01 / 4, 0.05: 0.01 / 16}
+    rungs = [point(e, 1.0) | {"value": h, "steps": round(8 / h)} for h, e in errors.items()]
+    of_tolerances = [
+        point(4e-3, 1.0) | {"value": 1e-3},
+        point(7e-6, 1.0) | {"value": 1e-6},
+        {"value": 1e-9, "status": "blowup"},
+    ]
+    base = {"scenario": "s"}
+    mine, never, theirs = bought([
+        base | {"integrator": "a", "control": "dt", "points": rungs},
+        base | {"integrator": "b", "control": "dt", "points": rungs[1:3]},
+        base | {"integrator": "c", "control": "rtol", "points": of_tolerances},
+    ])  # fmt: skip
+    assert mine["dt_1_percent"] == pytest.approx(0.1 * 2**0.5)  # 0.0025 and 0.04 at 0.1 and 0.2
+    assert mine["steps_1_percent"] * mine["dt_1_percent"] == pytest.approx(8)
+    assert math.isnan(never["dt_1_percent"])
+    assert theirs["over_1e-3"] == pytest.approx(4) and theirs["over_1e-6"] == pytest.approx(7)
+    assert math.isnan(theirs["over_1e-9"])
 
 
 def test_ratios_are_to_the_best_peer_and_to_the_best_of_scipy():
