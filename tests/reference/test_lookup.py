@@ -211,8 +211,6 @@ def test_a_motion_that_chatters_is_told_as_such_and_soon():
     scenario = tcbench.Scenario("dragged", Dragged, {}, initial={"x": 1.0, "s": 0.0}, t_end=1, dt=0.1)
     with pytest.raises(ReferenceFailed, match=r"no further than t = 0\.5 of 0\.8: the rates jump"):
         truth.reference_for(scenario, [0.8])
-    run = tcbench.simulate("solve_ivp_radau", scenario, tolerance=1e-4)
-    assert not run.ok and abs(run.t[-1] - 0.5) < 0.01 and abs(run.z[-1, 0] - 0.5) < 0.01
 
 
 def test_a_reference_that_failed_is_not_tried_by_each_method_again(monkeypatch):

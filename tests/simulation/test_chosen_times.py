@@ -63,3 +63,24 @@ def test_states_that_are_no_plain_numbers_are_told(change):
     method = tcbench.Integrator(name="odd", order=1, step=lambda z, h, system: change(np.asarray(z)))
     run = tcbench.simulate(method, "short_term")
     assert run.status == "exception" and "states are plain numbers" in run.failure
+
+
+def test_states_before_a_solver_gives_up_are_kept():
+    """The row said t = 0 where SciPy had come to 0.5."""
+
+    def outputs(system, z0, t_eval, rtol, atol):
+        def states():
+            for t in t_eval:
+                if t > 1.0:
+                    raise ArithmeticError("the step became too small")
+                yield z0 * (1 + 1e-6 * t)
+
+        return states(), {}
+
+    def adaptive(system, z0, t_eval, rtol, atol):
+        return np.array(list(outputs(system, z0, t_eval, rtol, atol)[0]))
+
+    method = tcbench.Integrator(name="gives_up", source="here", adaptive=adaptive, outputs=outputs)
+    run = tcbench.simulate(method, "damped_oscillator", times=[0.5, 1.0, 1.5, 2.0])
+    assert run.status == "nonconverged" and run.t.tolist() == [0.0, 0.5, 1.0] and len(run.z) == 3
+    assert "(t = 1)" in run.failure and "too small" in run.failure
