@@ -12,10 +12,12 @@ at any time: who wants it then makes it again.
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import re
 import stat
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -54,6 +56,15 @@ def root() -> Path:
     from platformdirs import user_cache_dir
 
     return Path(user_cache_dir("tcbench", appauthor=False))
+
+
+@functools.cache
+def sources(package: str) -> str:
+    """Hash of the files of a package, as they are when it is first asked for: part of the keys of what they make."""
+    found = hashlib.sha256()
+    for path in sorted(Path(str(sys.modules[package].__file__)).parent.rglob("*.py")):
+        found.update(path.name.encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
 
 
 def limit() -> int:

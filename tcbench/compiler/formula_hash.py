@@ -1,70 +1,93 @@
-"""`content_hash` of what sees nothing else: two formulas with one `formula_hash` give the same numbers.
+"""The hash of a formula: of its code, and of the values that the code reads. None where it may read more than that.
 
-What is traced once and used again stands on this. A formula that may read more than the hash covers (a file, the
-environment, the clock, a generator of chance, names that it computes) has none, and is traced each time.
+Two formulas with one hash give the same numbers. Code of tcbench, numpy, SciPy and of what in Python only computes is
+told by its name; that of a user by bytecode (lines and files left out), defaults, closure, and the global names that it
+reads, in turn, down to numbers, arrays and text. What may read a file, the environment, the clock, chance, or names
+that it computes has no hash: it is traced each time.
 
-A run asks for the hash of its formulas each time, so that an edit of a closure or a global is noticed; what a hash has
-seen is kept with it, and looked at again in its place: that takes a tenth of the time.
+A run asks for the hash of its formulas each time, so that an edit of a closure or a global is noticed. What a hash has
+seen is kept with it and compared by identity, which takes a tenth of the time of hashing again.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import dis
+import enum
 import functools
+import hashlib
+import itertools
 import re
+import sys
+import sysconfig
 import types
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Mapping
+from functools import cache, lru_cache
 from operator import is_
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .code_hash import Hasher, HashlessError, code_of, hashed
+_Look = tuple[Callable[[Any], tuple[Any, ...]], Any, tuple[Any, ...]]  # how to look at an object, it, what it showed
 
-_Seen = tuple[Callable[[Any], tuple[Any, ...]], Any, tuple[Any, ...]]  # how to look at something, it, what it showed
-
-# modules whose functions see nothing but their arguments; of numpy, not those that read files or draw numbers
+MOST_BYTES = 4096  # of an array that is compared rather than hashed again
+MOST_KEPT = 1000  # hashes
+# modules whose functions read nothing but their arguments
 PURE = frozenset({
     "tcbench", "tcbench_plugins", "numpy", "scipy", "builtins", "math", "cmath", "_operator", "operator", "functools",
     "_functools", "itertools", "collections", "_collections", "_collections_abc", "numbers", "fractions", "dataclasses",
-    "enum", "typing", "types", "abc", "__future__", "copy", "contextlib",
+    "enum", "typing", "types", "abc", "__future__", "copy", "copyreg", "contextlib",
 })  # fmt: skip
-READERS = frozenset({
-    "load", "loadtxt", "genfromtxt", "fromfile", "fromregex", "memmap", "DataSource", "random", "default_rng", "open",
-    "attrgetter", "methodcaller", "import_module", "__import__",
+READERS = frozenset({  # names in these that read files, draw numbers, or compute names
+    "load", "loadtxt", "genfromtxt", "fromfile", "fromregex", "memmap", "DataSource", "random", "default_rng",
+    "attrgetter", "methodcaller", "import_module", "__import__", "eval", "exec", "globals", "locals", "vars", "compile",
+    "open", "input",
 })  # fmt: skip
-
-
-FIXED = (  # what cannot be changed, but for what it is made of
-    types.CodeType, types.BuiltinFunctionType, types.MethodWrapperType, types.MethodType, types.CellType,
-    types.ModuleType, staticmethod, classmethod, property, np.ufunc, np.dtype, re.Pattern,
+READS_BY_NAME = frozenset({"getattr", "hasattr"})  # of a module, then, any name
+# of a class or function: what is made when it is first needed, or says where it was written
+NOT_CONTENT = frozenset({
+    "__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__", "__annotations__",
+    "__annotate__", "__annotate_func__", "__annotations_cache__", "_abc_impl", "__abstractmethods__", "__wrapped__",
+    "__qualname__", "__type_params__", "__slotnames__",
+})  # fmt: skip
+HEAP_TYPE = 1 << 9  # flag of classes that a class statement made
+FIXED = (  # kinds that cannot be changed, but for what they are made of
+    types.CodeType, types.BuiltinFunctionType, types.MethodWrapperType, types.MethodType, types.ModuleType,
+    staticmethod, classmethod, property, np.ufunc, np.dtype, re.Pattern, slice, range, frozenset, enum.Enum,
+    functools.cached_property, functools.partial,
 )  # fmt: skip
-MOST_BYTES = 4096  # of an array that is compared rather than hashed
-MOST_KNOWN = 1000  # objects whose hashes are kept
+PLAIN = (type(None), bool, int, float, complex, str, bytes, types.EllipsisType, types.NotImplementedType)
 _MISSING = object()
-_KNOWN: dict[tuple[int, ...], tuple[tuple[Any, ...], list[_Seen], str]] = {}  # they live: an id is of one object only
+_KEPT: dict[tuple[int, ...], tuple[tuple[Any, ...], list[_Look], str]] = {}  # they live: an id is of one object only
+
+
+class HashlessError(Exception):
+    """A formula sees what a hash cannot describe."""
 
 
 def formula_hash(*objects: Any) -> str | None:
     """Sha256, hexadecimal, of what these objects are and compute; None where they may read more than that."""
     key = tuple(map(id, objects))
-    known = _KNOWN.get(key)
-    if known is not None and _as_before(known[1]):
-        return known[2]
-    hasher = _Pure()
-    found = hashed(hasher, objects)
-    if found is not None and hasher.seen is not None:
-        if len(_KNOWN) >= MOST_KNOWN:
-            _KNOWN.clear()
-        _KNOWN[key] = objects, hasher.seen, found
+    kept = _KEPT.get(key)
+    if kept is not None and all(_as_before(*look) for look in kept[1]):
+        return kept[2]
+    seen = _Seen()
+    try:
+        seen.add(*objects)
+    except Exception:  # of a user's __reduce__, too; RecursionError is one as well
+        return None
+    found = seen.hash.hexdigest()
+    if seen.looks is not None:
+        if len(_KEPT) >= MOST_KEPT:
+            _KEPT.clear()
+        _KEPT[key] = objects, seen.looks, found
     return found
 
 
-def _as_before(seen: list[_Seen]) -> bool:
-    for look, item, before in seen:
-        now = look(item)
-        if len(now) != len(before) or not all(map(is_, now, before)):
-            return False
-    return True
+def _as_before(look: Callable[[Any], tuple[Any, ...]], item: Any, before: tuple[Any, ...]) -> bool:
+    now = look(item)
+    return len(now) == len(before) and all(map(is_, now, before))
 
 
 def _of_function(item: types.FunctionType) -> tuple[Any, ...]:
@@ -76,7 +99,7 @@ def _of_mapping(item: Any) -> tuple[Any, ...]:
 
 
 def _of_class(item: type) -> tuple[Any, ...]:
-    return item.__bases__, *vars(item).keys(), *vars(item).values()
+    return item.__bases__, *_of_mapping(vars(item))
 
 
 def _of_cell(item: types.CellType) -> tuple[Any, ...]:
@@ -86,7 +109,7 @@ def _of_cell(item: types.CellType) -> tuple[Any, ...]:
         return ()
 
 
-def _of_names(item: tuple[dict[str, Any], tuple[str, ...]]) -> tuple[Any, ...]:
+def _of_names(item: tuple[Mapping[str, Any], tuple[str, ...]]) -> tuple[Any, ...]:
     content, names = item
     return tuple([content.get(name, _MISSING) for name in names])
 
@@ -96,68 +119,221 @@ def _of_array(item: tuple[Any, tuple[Any, ...]]) -> tuple[bool]:
     return ((array.dtype, array.shape, array.tobytes()) == before,)
 
 
-class _Pure(Hasher):
-    """Refuses what may read more than the hash covers; `seen` is what may change meanwhile, None: it cannot be told."""
+@lru_cache(maxsize=10_000)
+def code_digest(code: types.CodeType) -> str:
+    """Hash of a code object, lines and files left out."""
+    constants = [
+        code_digest(x) if isinstance(x, types.CodeType) else sorted(map(repr, x)) if isinstance(x, frozenset) else x
+        for x in code.co_consts  # a set has no order
+    ]
+    parts = (
+        code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, code.co_flags,
+        code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_exceptiontable,
+    )  # fmt: skip
+    return hashlib.sha256(repr(parts).encode("utf-8", "surrogatepass")).hexdigest()
+
+
+@lru_cache(maxsize=10_000)
+def _names(code: types.CodeType) -> tuple[tuple[str, ...], frozenset[str], frozenset[str]]:
+    """The global names that a code object reads, the attributes, the modules that it imports when it runs."""
+    names, attributes, imports = dict[str, None](), set[str](), set[str]()
+    for step in dis.get_instructions(code):
+        if step.opname == "IMPORT_NAME":
+            imports.add(str(step.argval))
+        elif step.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+            names[str(step.argval)] = None
+        elif step.opname in ("LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM", "LOAD_SUPER_ATTR"):
+            attributes.add(str(step.argval))
+    for inner in (_names(x) for x in code.co_consts if isinstance(x, types.CodeType)):
+        names |= dict.fromkeys(inner[0])
+        attributes |= inner[1]
+        imports |= inner[2]
+    return tuple(names), frozenset(attributes), frozenset(imports)
+
+
+@cache
+def _package(module: str, file: str | None) -> str | None:
+    """The package of a module that nobody edits; None of a user's. HashlessError where its functions may read more."""
+    top = module.partition(".")[0]
+    places = Path(file or "").parents
+    installed = top in ("tcbench", "tcbench_plugins") or top in sys.builtin_module_names
+    installed = installed or bool({"site-packages", "dist-packages"} & {place.name for place in places})
+    library = top in sys.stdlib_module_names if file is None else Path(sysconfig.get_paths()["stdlib"]) in places
+    if not installed and not library:
+        return None
+    if top not in PURE:
+        raise HashlessError(f"something of {module}")
+    return top
+
+
+def _package_of(item: type) -> str | None:
+    """The same of a class; those that no class statement made are Python's or some library's."""
+    found = _package(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
+    return found or (None if item.__flags__ & HEAP_TYPE else "builtins")
+
+
+class _Seen:
+    """What is seen from some objects: its hash, and what to look at again, None where that cannot be told.
+
+    Objects that occur twice, or contain themselves, are told by the number of the first time.
+    """
 
     def __init__(self) -> None:
-        super().__init__()
-        self.seen: list[_Seen] | None = []
+        self.hash = hashlib.sha256()
+        self.looks: list[_Look] | None = []
+        self.numbers: dict[int, int] = {}
+        self.modules: set[tuple[int, frozenset[str]]] = set()  # those in others, with what is read of them
+        self.alive: list[Any] = []  # an id is of one object only as long as that lives
+
+    def note(self, *words: Any) -> None:
+        self.hash.update(repr(words).encode("utf-8", "surrogatepass"))  # no two tuples of words have one text
 
     def look(self, look: Callable[[Any], tuple[Any, ...]], item: Any) -> None:
-        if self.seen is not None:
-            self.seen.append((look, item, look(item)))
+        if self.looks is not None:
+            self.looks.append((look, item, look(item)))
 
-    def home(self, name: str, file: str | None) -> str | None:
-        found = super().home(name, file)
-        if found is not None and name.partition(".")[0] not in PURE:
-            raise HashlessError(f"something of {name}")
-        return found
+    def add(self, *items: Any) -> None:
+        self.note(len(items))
+        for item in items:
+            if type(item) in PLAIN:
+                self.note(type(item).__name__, item)
+            elif id(item) in self.numbers:
+                self.note("seen", self.numbers[id(item)])
+            else:
+                self.numbers[id(item)] = len(self.numbers)
+                self.alive.append(item)
+                self.note(type(item).__name__)
+                self._object(item, type(item))
 
-    def _object(self, item: Any) -> None:
-        if isinstance(item, types.BuiltinFunctionType) and item.__module__:
-            self.home(item.__module__, None)
-        kind = type(item)
+    def _object(self, item: Any, kind: type) -> None:
         if kind is types.FunctionType:
-            self.look(_of_function, item)
-            if item.__kwdefaults__:
-                self.look(_of_mapping, item.__kwdefaults__)
+            self._function(item)
+        elif isinstance(item, types.CodeType):
+            self.note(code_digest(item))
         elif isinstance(item, type):
-            if self.home_of_class(item) is None:
-                self.look(_of_class, item)
+            self._class(item)
+        elif isinstance(item, types.ModuleType):
+            self._module(item, frozenset())
+        elif kind is types.CellType:
+            self.look(_of_cell, item)
+            self.add(*_of_cell(item))
+        elif isinstance(item, types.MethodType):
+            self.add(item.__func__, item.__self__)
+        elif isinstance(item, types.BuiltinFunctionType | types.MethodWrapperType):
+            module, owner = getattr(item, "__module__", None), item.__self__
+            if module:
+                _package(module, None)
+            self.note(item.__qualname__, module)
+            self.add(*([] if owner is None or isinstance(owner, types.ModuleType) else [owner]))
+        elif kind is np.ndarray or (isinstance(item, np.generic) and _package_of(kind)):
+            self._array(item)
         elif kind is dict or kind is types.MappingProxyType:
             self.look(_of_mapping, item)
+            self.add(*_of_mapping(item))
+        elif kind is tuple:
+            self.add(*item)
         elif kind is list:
             self.look(tuple, item)
-        elif kind is functools.partial:
-            self.look(_of_mapping, item.keywords)
-        elif kind is functools.cached_property:
-            self.look(_of_mapping, vars(item))
-        elif isinstance(item, np.ndarray | np.generic) and not item.dtype.hasobject and item.nbytes <= MOST_BYTES:
-            self.look(_of_array, (item, (item.dtype, item.shape, item.tobytes())))
-        elif not (isinstance(item, FIXED) or (kind is frozenset and {type(part) for part in item} <= {str, int})):
-            self.seen = None
-        super()._object(item)
+            self.add(*item)
+        else:
+            self._instance(item, kind)
 
     def _function(self, function: types.FunctionType) -> None:
-        if self.home(str(function.__globals__.get("__name__", "")), function.__globals__.get("__file__")) is None:
-            code = code_of(function.__code__)
-            if READERS & (code.attributes | set(code.names)):
-                raise HashlessError("something that reads")
-            if code.imports:
-                self.seen = None
-            self.look(_of_names, (function.__globals__, code.names))
-        elif function.__name__ in READERS:
-            raise HashlessError(function.__name__)
-        super()._function(function)
+        known = function.__globals__
+        package = _package(str(known.get("__name__", "")), known.get("__file__"))
+        self.look(_of_function, function)
+        self.note(package and f"{function.__module__}.{function.__qualname__}", code_digest(function.__code__))
+        own = [x for pair in sorted(vars(function).items()) if pair[0] not in NOT_CONTENT for x in pair]
+        self.add(function.__defaults__, function.__kwdefaults__, *(function.__closure__ or ()), *own)
+        if package is not None:
+            if function.__name__ in READERS:
+                raise HashlessError(function.__name__)
+            return
+        names, attributes, imports = _names(function.__code__)
+        if READERS & {*attributes, *names} or not all(name.partition(".")[0] in PURE for name in imports):
+            raise HashlessError("something that reads, or is imported when it runs")
+        self.look(_of_names, (known, names))
+        attributes |= {"*"} if READS_BY_NAME & set(names) else set()
+        for name in names:
+            self.note(name)
+            if isinstance(known.get(name), types.ModuleType):
+                self._module(known[name], attributes)
+            elif name in known:
+                self.add(known[name])
 
-    def _cell(self, cell: types.CellType) -> None:
-        self.look(_of_cell, cell)
-        super()._cell(cell)
+    def _module(self, module: types.ModuleType, attributes: Collection[str]) -> None:
+        """A module as code that reads these attributes sees it; "*", or none: any."""
+        package, content = _package(module.__name__, getattr(module, "__file__", None)), vars(module)
+        self.note(module.__name__)
+        names = tuple(sorted(name for name in attributes if name in content))
+        if package is not None:  # what somebody has put in the place of a function counts
+            self.look(_of_names, (content, names))
+            placed = [x for x in _of_names((content, names)) if isinstance(x, types.FunctionType | np.ufunc)]
+            self.add(*placed)
+            return
+        if "*" in attributes or not attributes:
+            names, self.looks = tuple(sorted(name for name in content if not name.startswith("__"))), None
+        self.look(_of_names, (content, tuple(attributes)))
+        for name in names:
+            self.note(name)
+            if not isinstance(content[name], types.ModuleType):
+                self.add(content[name])
+            elif (key := (id(content[name]), frozenset(attributes))) not in self.modules:
+                self.modules.add(key)
+                self._module(content[name], attributes)
 
-    def _module(self, module: types.ModuleType, attributes: Iterable[str]) -> None:
-        own = self.home(module.__name__, getattr(module, "__file__", None)) is None
-        names = tuple(name for name in attributes if own or name in vars(module))
-        if own and ("*" in names or not names):
-            self.seen = None
-        self.look(_of_names, (vars(module), names))
-        super()._module(module, attributes)
+    def _class(self, item: type) -> None:
+        package = _package_of(item)
+        self.note(package and f"{item.__module__}.{item.__qualname__}", item.__name__)
+        if package is None:
+            self.look(_of_class, item)
+            slots = types.GetSetDescriptorType | types.MemberDescriptorType
+            own = [x for x in sorted(vars(item).items()) if x[0] not in NOT_CONTENT and not isinstance(x[1], slots)]
+            self.add(*item.__bases__, type(item), *itertools.chain(*own))
+
+    def _array(self, item: Any) -> None:
+        self.note(item.dtype.str, item.shape)
+        if item.dtype.hasobject or item.nbytes > MOST_BYTES:
+            self.looks = None
+        else:
+            self.look(_of_array, (item, (item.dtype, item.shape, item.tobytes())))
+        if item.dtype.hasobject:
+            self.add(*item.ravel().tolist())
+        else:
+            self.hash.update(np.ascontiguousarray(item).tobytes())
+
+    def _instance(self, item: Any, kind: type) -> None:
+        if not isinstance(item, FIXED):
+            self.looks = None
+        if isinstance(item, np.generic) or (isinstance(item, np.ufunc) and "vectorized" in item.__name__):
+            raise HashlessError("a user's number, or a ufunc of a Python function")
+        if kind in (set, frozenset):
+            if not all(type(x) in PLAIN for x in item):
+                raise HashlessError("a set of objects")
+            self.note(sorted(map(repr, item)))
+        elif isinstance(item, staticmethod | classmethod):
+            self.add(item.__func__)
+        elif isinstance(item, property):
+            self.add(item.fget, item.fset, item.fdel)
+        elif isinstance(item, slice | range):
+            self.add(item.start, item.stop, item.step)
+        elif isinstance(item, enum.Enum):
+            self.add(kind, item.name, item.value)
+        elif isinstance(item, re.Pattern):
+            self.note(item.pattern, item.flags)
+        elif isinstance(item, np.ufunc | np.dtype) or kind.__module__ in ("typing", "types"):
+            self.note(str(item))
+        elif isinstance(item, functools.cached_property):
+            self.add(item.func)
+        elif isinstance(item, functools.partial):
+            self.add(kind, item.func, item.args, item.keywords)
+        elif _package_of(kind) and isinstance(wrapped := getattr(item, "__wrapped__", None), types.FunctionType):
+            self.add(wrapped)  # of lru_cache
+        elif _package_of(kind) and dataclasses.is_dataclass(item):
+            self.add(kind, *(getattr(item, f.name) for f in dataclasses.fields(item) if f.compare))
+        elif kind.__module__ == "itertools":  # from Python 3.14 on they do not say where they are
+            raise HashlessError(f"itertools.{kind.__name__}")
+        else:  # what pickle would keep: how it is made, and its state
+            made = item.__reduce_ex__(2)
+            parts = [made] if isinstance(made, str) else [list(p) if hasattr(p, "__next__") else p for p in made]
+            self.add(kind, *parts)

@@ -21,10 +21,6 @@ from .ops import OPERATIONS, values
 
 WIDTH = 8  # doubles in a vector of vector_kernels.py
 ROW = 4  # doubles in a short vector of results
-WRITERS = (  # modules that make LLVM code of a kernel's text, or that it may name
-    "arithmetic", "expressions", "language", "ops", "records", "short_vectors", "special", "statements", "translator",
-    "values", "vector_functions",
-)  # fmt: skip
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 
 
@@ -158,7 +154,7 @@ def _load(text: str, table: NDArray[np.int32] | None) -> int:
         from .machine import load  # LLVM is imported when something is compiled, not before
 
         with LOCK:  # of threads that ask for the same one compiles it
-            return load(text, lambda _: _code(text, table), table, _translator_hash())
+            return load(text, lambda _: _code(text, table), table, by="kernel")
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     return made_up_address(scope["kernel"])
@@ -173,13 +169,3 @@ def _code(text: str, table: NDArray[np.int32] | None = None) -> str:
         module.table()
     module.kernel(text, namespace() if table is None else namespace() | {"table": table})
     return module.text()
-
-
-def _translator_hash() -> str:
-    """Of the translator, and all that a kernel's text may name: what makes LLVM code of the text."""
-    from importlib import import_module
-
-    from .loaded import digest, loaded_hash
-
-    modules = [import_module(f"{__package__}.{name}") for name in WRITERS]
-    return f"{loaded_hash(*modules)} {digest(_code.__code__)} {digest(namespace.__code__)}"

@@ -2,7 +2,7 @@
 
 An object file is named after a hash of the LLVM code it was made of, and of what compiled it for which processor: other
 code never finds it, whatever its functions and files are called. Of a kernel, whose text names nothing but what the
-translator knows, that text and a hash of the translator stand for its LLVM code.
+translator knows, that text stands for its LLVM code, beside the hash of this package's files.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import numpy as np
 
 from .. import cache as files
 from ..errors import MachineError, TcbenchError
-from .loaded import digest
 from .once import uncollected
 
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
@@ -101,8 +100,7 @@ def _compiler() -> str:
     import llvmlite.binding as llvm
 
     versions = (llvmlite.__version__, llvm.llvm_version_info, llvm.get_default_triple(), *target())
-    by = [digest(f.__code__) for f in (compile_object, _machine.__wrapped__)], _machine.__wrapped__.__defaults__
-    return f"{versions} {by} {(LONG, VECTORS, IN_ORDER)}"
+    return f"{versions} {files.sources(__package__)}"
 
 
 def _object(translate: Callable[[], str], key: str | None, loops: bool) -> bytes:
@@ -150,7 +148,7 @@ def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None,
     """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that.
 
     table: whole numbers that it reads. One piece of machine code serves any table; each has a copy in memory.
-    by: hash of what makes LLVM code of a text.
+    by: says that what makes LLVM code of the text is in this package, so that the text can stand for it.
     """
     key = (text, None if table is None else table.tobytes())
     if key not in _LOADED:

@@ -20,7 +20,7 @@ from functools import lru_cache
 from types import CodeType, FunctionType
 from typing import Any
 
-from .loaded import digest
+from .formula_hash import code_digest
 from .records import annotation_text
 from .statements import Body
 from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
@@ -64,7 +64,7 @@ def _functions(text: str) -> dict[tuple[str, str], ast.FunctionDef]:
     while inner:
         code = inner.pop()
         if (code.co_name, code.co_firstlineno) in nodes:
-            found[code.co_name, digest(code)] = nodes[code.co_name, code.co_firstlineno]
+            found[code.co_name, code_digest(code)] = nodes[code.co_name, code.co_firstlineno]
         inner += [x for x in code.co_consts if isinstance(x, CodeType)]
     return found
 
@@ -76,7 +76,7 @@ def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
     """
     for text in texts:
         with suppress(KeyError, SyntaxError, ValueError):
-            return _functions(text)[code.co_name, digest(code)]
+            return _functions(text)[code.co_name, code_digest(code)]
     raise TranslationError(
         f"{code.co_filename}: {code.co_name}(), as it was imported, is not in this file (any more) and "
         "cannot be translated. Save it there and start Python anew."

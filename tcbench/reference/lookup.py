@@ -13,7 +13,6 @@ import functools
 import hashlib
 import importlib.metadata
 import math
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from .. import cache
-from ..compiler.loaded import loaded_hash
 from ..errors import TcbenchError
 from ..integrator import MOST_REDUCED
 from ..systems.right_hand_side import Field
@@ -85,9 +83,8 @@ def _once(recipe: _Recipe) -> Reference:
 
 
 def algorithm() -> str:
-    """Hash of what makes references of equations, as it is loaded, and the packages behind it."""
-    own = sorted(name for name in sys.modules if name.startswith(f"{__package__}."))
-    return f"{loaded_hash(*(sys.modules[name] for name in own))} {_packages()}"
+    """Hash of what makes references of equations, and the packages behind it."""
+    return f"{cache.sources(str(__package__))} {_packages()}"
 
 
 @functools.cache

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from .. import plugins
-from ..compiler.code_hash import content_hash
+from ..compiler.formula_hash import formula_hash
 from ..errors import TcbenchError, several, unknown_name
 from ..integrator import Integrator
 from ..studies.base import default_studies, expand_studies, find_study, refuse_doubles
@@ -212,7 +212,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
             return None
     except (AttributeError, ValueError, ImportError):  # it is local to a function
         return None
-    file, code = getattr(module, "__file__", None), content_hash(system)
+    file, code = getattr(module, "__file__", None), formula_hash(system)
     if code is None or system.__module__.startswith("tcbench_plugin_"):
         return None
     own = system.__module__.partition(".")[0] in ("tcbench", "tcbench_plugins")

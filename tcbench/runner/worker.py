@@ -110,11 +110,11 @@ def measured(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) ->
 
 def rebuilt(data: Mapping[str, Any]) -> Scenario:
     """A scenario that no plugin brings, from `plan.scenario_data`."""
-    from ..compiler.code_hash import content_hash
+    from ..compiler.formula_hash import formula_hash
     from ..systems.scenario import Scenario
 
     system: Any = pkgutil.resolve_name(data["system"])
-    if content_hash(system) != data["code"]:
+    if formula_hash(system) != data["code"]:
         raise ChangedError(
             f"The system {data['system']} is not what its file says: it was changed in the session that started the "
             "run, or its file was edited after it was imported. Start Python anew, or give the system to tcbench.run "

@@ -124,10 +124,10 @@ def test_what_a_formula_sees_is_looked_at_again(number, monkeypatch):
 
 
 def test_of_built_in_methods_and_systems_a_hash_is_made_once():
-    module._KNOWN.clear()
+    module._KEPT.clear()
     seen = [flow.residual for method in tcbench.integrators().values() for flow in method.flows or ()]
     seen += [scenario.system for scenario in tcbench.scenarios().values()]
-    assert {formula_hash(item) is not None and (id(item),) in module._KNOWN for item in seen} == {True}
+    assert {formula_hash(item) is not None and (id(item),) in module._KEPT for item in seen} == {True}
 
 
 @pytest.mark.parametrize("kind", [set, collections.deque, bytearray])
@@ -136,4 +136,4 @@ def test_what_cannot_be_looked_at_is_hashed_each_time(kind):
     found = closure(content)
     before = formula_hash(found)
     content.clear()
-    assert formula_hash(found) != before and (id(found),) not in module._KNOWN
+    assert formula_hash(found) != before and (id(found),) not in module._KEPT
