@@ -27,6 +27,7 @@ from .values import (
     Several,
     TranslationError,
     Value,
+    kind_of,
     machine_kinds,
     say,
 )
@@ -68,10 +69,10 @@ class Expressions(Arithmetic):
         """The object that a global name, or an attribute of one, stands for."""
         if isinstance(node, ast.Attribute):
             owner = self.outside(node.value)
-            return self.module.named(vars(owner), node.attr) if node.attr in vars(owner) else getattr(owner, node.attr)
+            return getattr(owner, node.attr)
         assert isinstance(node, ast.Name)
         if node.id in self.names:
-            return self.module.named(self.names, node.id)
+            return self.names[node.id]
         if not hasattr(builtins, node.id):
             raise self.refusal(node, f"{node.id!r} is not known")
         return getattr(builtins, node.id)
@@ -99,7 +100,7 @@ class Expressions(Arithmetic):
             return (
                 Value(BOOL, (self.emit(f"icmp ne i64 {number}, 0"),)) if field.kind == "bool" else Value(INT, (number,))
             )
-        kind = self.module.kind(field.kind, owner.kind.names)
+        kind = kind_of(field.kind, owner.kind.names)
         if kind is None:
             raise TranslationError(f"{owner.kind.__name__}.{field.name}: its kind {field.kind!r} is not known there.")
         pointer = self.emit(f"load ptr, ptr {place}{fixed}")
@@ -117,11 +118,7 @@ class Expressions(Arithmetic):
             return str(tree.value)
         assert isinstance(tree, ast.Name)
         fields = owner.kind.fields
-        return (
-            self.part(self.field(owner, fields[tree.id]))
-            if tree.id in fields
-            else str(self.module.named(owner.kind.names, tree.id))
-        )
+        return self.part(self.field(owner, fields[tree.id])) if tree.id in fields else str(owner.kind.names[tree.id])
 
     # arrays ---------------------------------------------------------------------------------------------------------
 

@@ -7,10 +7,9 @@ lock while they run. With TCBENCH_PLAIN=1 its functions are the Python functions
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from operator import is_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,9 +25,8 @@ from .records import address_of
 from .values import BOOL, FLOAT, INT, NOTHING, NUMPY, Array, Several, kind_of
 
 if TYPE_CHECKING:
-    from .translator import Module, Read
+    from .translator import Module
 
-OWN = ("tcbench", "tcbench_plugins")  # whose globals are constants
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64, NOTHING: None}
 
 
@@ -39,7 +37,7 @@ class Library:
     """Functions of the restricted Python, compiled together when the first of them is asked for: `library.march(...)`.
 
     Arguments: numbers, records, and contiguous arrays of the kinds that the annotations say. Globals that the functions
-    read are constants of the compiled code; where an author's have changed it is compiled anew.
+    read are constants of the compiled code, with the values that they have when it is compiled.
     """
 
     def __init__(self, name: str, *functions: Any) -> None:
@@ -63,10 +61,7 @@ class Library:
             with LOCK:  # the second of two threads reads what the first compiled
                 module = self._translated()
                 found = addresses(self.entries(), module.text, loops=True)
-            entries = {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
-            if any(f.__module__.partition(".")[0] not in OWN for f in self.functions):
-                entries = {x: self._while_globals_stay(x, entry, module.read) for x, entry in entries.items()}
-            self.__dict__ |= entries
+            self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
         return self.__dict__[name]
 
     def bound(self, name: str, record: Any) -> Callable[[], Any]:
@@ -74,24 +69,6 @@ class Library:
         entry = getattr(self, name)
         machine = getattr(entry, "machine", None)
         return partial(entry, record) if machine is None else partial(machine, record.address)
-
-    def _while_globals_stay(self, name: str, entry: Callable[..., Any], read: Sequence[Read]) -> Callable[..., Any]:
-        """The compiled function, which is made anew when a global that it reads has another value."""
-        held: dict[int, tuple[Any, dict[tuple[str, int], Any]]] = {}  # each once: many are read often
-        for known, x, value in read:
-            held.setdefault(id(known), (known.get, {}))[1][x, id(value)] = value
-        looks = [(get, [x for x, _ in values], list(values.values())) for get, values in held.values()]
-
-        def called(*arguments: Any) -> Any:
-            if all(all(map(is_, map(get, names), values)) for get, names, values in looks):
-                return entry(*arguments)
-            with LOCK:
-                if self.__dict__.get(name) is called:
-                    for f in self.functions:
-                        self.__dict__.pop(f.__name__, None)
-            return getattr(self, name)(*arguments)
-
-        return called
 
     def code(self) -> str:
         """LLVM code of the module."""

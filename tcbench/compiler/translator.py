@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import ast
 import linecache
-import re
 from collections import ChainMap
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -21,13 +20,10 @@ from types import CodeType, FunctionType
 from typing import Any
 
 from .formula_hash import code_digest
-from .records import annotation_text
 from .statements import Body
 from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError, kind_of, machine_kinds
 
 KERNEL = Array(sized=False)
-Read = tuple[Mapping[str, Any], str, Any]  # a global: namespace, name, value
-WORD = re.compile(r"[A-Za-z_]\w*")
 TABLE = "@table = global ptr null"
 
 
@@ -94,7 +90,6 @@ class Module:
     open: list[Any] = field(default_factory=list)  # functions that are being translated
     external: set[str] = field(default_factory=set)  # declarations of C functions that take other than doubles
     numbers: Any = None  # what a kernel's text calls its table
-    read: list[Read] = field(default_factory=list)
 
     def declare(self, name: str, count: int) -> None:
         self.declared[name] = count
@@ -108,18 +103,6 @@ class Module:
         if TABLE not in self.code:
             self.code.append(TABLE)
         return "@table"
-
-    def named(self, names: Mapping[str, Any], name: str) -> Any:
-        """What a global stands for."""
-        self.read.append((names, name, names[name]))
-        return names[name]
-
-    def kind(self, annotation: Any, names: Mapping[str, Any]) -> Any:
-        """The kind that an annotation stands for."""
-        for word in WORD.findall(annotation_text(annotation)):
-            if word in names:
-                self.named(names, word)
-        return kind_of(annotation, names)
 
     def function(self, function: FunctionType) -> Function:
         """A Python function, translated when it is first asked for."""
@@ -155,9 +138,9 @@ class Module:
         title = f"{tree.name}()"
         if key in self.open:
             raise TranslationError(f"{file}, line {tree.lineno}: {title} calls itself; recursion is not translated.")
-        arguments = {a.arg: KERNEL if kinds is None else self.kind(kinds[a.arg], names) if a.arg in kinds else None
+        arguments = {a.arg: KERNEL if kinds is None else kind_of(kinds[a.arg], names) if a.arg in kinds else None
                      for a in tree.args.args}  # fmt: skip
-        result = NOTHING if kinds is None else self.kind(kinds["return"], names) if "return" in kinds else None
+        result = NOTHING if kinds is None else kind_of(kinds["return"], names) if "return" in kinds else None
         made = Function(name, title, arguments, result, "" if getattr(key, "exact", False) else FUSED)
         self.open.append(key)
         body = Body(self, made, tree, names, file)

@@ -19,16 +19,16 @@ from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import NUMBER, variable
 from ..compiler.derivatives import Symbol, const
+from ..compiler.elimination import ZERO_PIVOT
 from ..compiler.kernels import fixed_values, kernel
+from ..compiler.normal_rows import normalised
 from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
 from ..systems import constrained
-from .elimination import ZERO_PIVOT
 from .first_values import measured_by, plain_start, sizes_of
 from .formula import called, checked_rows, further, has_roots, numbered
 from .kernels_of_flow import FlowKernels
-from .normal_rows import normalised
 from .pattern import Pattern
 from .reduction import reduce_arrays
 

@@ -11,9 +11,9 @@ from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.array_states import entries
 from ..compiler.derivatives import Symbol, array, const
+from ..compiler.elimination import factorise
 from ..systems.element_system import ElementSystem
 from ..systems.system import System
-from .elimination import factorise
 from .reduction import Reduction
 
 TINY = 1e-100  # beside a kinetic energy that may be zero

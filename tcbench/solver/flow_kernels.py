@@ -20,21 +20,21 @@ from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
 from ..compiler.derivatives import Symbol, const
+from ..compiler.elimination import ZERO_PIVOT, factorise
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import constant_part, fixed_values, kernel, placed
+from ..compiler.normal_rows import normalised
 from ..errors import TraceError, shown
 from ..integrator import Flow, Residual
 from ..systems import constrained
 from ..systems.element_system import ElementSystem
 from ..systems.state import State
 from ..systems.system import System
-from .elimination import ZERO_PIVOT, factorise
 from .first_values import measured_by, near_start, plain_start, sizes_of
 from .foresight import foreseen
 from .formula import called, checked_rows, further, has_roots, numbered
 from .kernels_of_flow import FlowKernels, constants
 from .linear_algebra import STEEPEST
-from .normal_rows import normalised
 from .reduction import Reduction, reduce
 
 if TYPE_CHECKING:

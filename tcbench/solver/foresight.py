@@ -7,7 +7,6 @@ a factor of two or three, so that only what is far beyond a limit is refused.
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -42,9 +41,7 @@ CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no m
 # next, of which one takes a microsecond, and by how much that may be longer or shorter than the last; seconds from one
 # word about it to the next.
 FIRST, AIM, MOST_FASTER, LOOK = 10_000, 0.01, 10.0, 0.1
-SHARE, SEEN = 0.005, 0.2  # of its time, and seconds, that such a run has covered when its rest is told
-WORTH = 0.1  # of its limit that such a run is given from one look to the next: a fifth, before it may be refused
-GAIN = 1.1  # a rate that is so many times the one before goes on growing
+SHARE = 0.005  # of its time that such a run has covered when its rest is told
 CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _limit: tuple[float, float] | None = None  # what the work under way may take, seconds, and when that is over
@@ -134,11 +131,11 @@ class Lending:
 
 class Looks:
     """Looks at the runs of a method that chooses its steps, by the compiled loop itself: an interrupt ends it; and once
-    it is no longer short, how far it is shows, its rest is told, and a time limit that is far too short ends it, too.
+    it is no longer short, how far it is shows, and its rest by the rate until then.
     """
 
     def __init__(self, size: int) -> None:
-        self.size, self.first = size, 1.0 + FIRST / size
+        self.first = 1.0 + FIRST / size
         self.watch, self.times = watch_by(self, self.first), np.empty(0)
         self.begun = self.last = self.steps = 0.0  # when the first look was and the last one, and steps between two
         self.open, self.told = ExitStack(), 0.0
@@ -160,11 +157,13 @@ class Looks:
     def tell(self, t: float, now: float) -> None:
         """How far it is, and its rest."""
         if self.meter is None:
-            self.rest, self.meter = Rest(self.size, self.times), self.open.enter_context(part(""))
+            self.meter = self.open.enter_context(part(""))
             self.meter.total, self.text = len(self.times) - 1, self.meter.text
         self.meter.done = int(np.searchsorted(self.times, t, "right")) - 1
-        if told := self.rest.looked(t, now):
-            self.meter.tell(self.text + told)
+        start, end = self.times[0], self.times[-1]
+        rest = (end - t) * (now - self.begun) / (t - start) if t - start > SHARE * (end - start) else 0.0
+        if rest > SHORT:
+            self.meter.tell(f"{self.text}, from t = {t:.3g} to {end:.6g} about {rest:.0f} s")
 
     def end(self) -> None:
         """Of a run that has ended: what a look has raised is raised here."""
@@ -176,41 +175,6 @@ class Looks:
                 raise_again(self.watch)
             finally:
                 self.begun = 0.0
-
-
-class Rest:
-    """What is left of a run that chooses its steps, from looks at how far it is, each after as long as all before.
-
-    Its rate between two looks tells. Steps may be small first and grow (an initial layer), so that far beyond a limit
-    is what was so at two looks, without more rate at the second.
-    """
-
-    def __init__(self, size: int, times: NDArray[np.float64]) -> None:
-        self.size, self.begin, self.end, self.seen = size, times[0], times[-1], times[0]
-        self.first = self.last = math.nan, math.nan  # looks: a time and what the clock showed there
-        self.rate, self.doubted = 0.0, False
-
-    def looked(self, t: float, now: float) -> str:
-        """What to say of it, "" where nothing is new or little is left; MachineError as above."""
-        if not t > self.seen:  # a step counts when it is done, and not again where it is taken again
-            return ""
-        self.seen, (before, then) = t, self.last
-        if not before > self.begin:
-            self.first = self.last = t, now
-            return ""
-        passed, allowed = now - then, _limit[0] if _limit else 0.0
-        if passed < max(SEEN, then - self.first[1], WORTH * allowed):
-            return ""
-        rate, slower = (t - before) / passed, self.rate
-        self.last, self.rate = (t, now), rate
-        seconds = (self.end - t) / rate
-        if t - self.begin < SHARE * (self.end - self.begin) or seconds < SHORT:
-            return ""
-        doubted, self.doubted = self.doubted, _beyond(seconds)
-        if doubted and rate < GAIN * slower:
-            cure = "take a larger tolerance, a shorter t_end or a smaller system"
-            _affordable(f"From t = {t:.3g} to {self.end:.6g} a run of {self.size} numbers", seconds, cure)
-        return f", from t = {t:.3g} to {self.end:.6g} about {seconds:.0f} s"
 
 
 def seconds_a_step(kernels: Sequence[FlowKernels]) -> float:

@@ -14,8 +14,6 @@ from ..compiler.array_jacobian import jacobian_terms
 from ..compiler.cut import degrees
 from ..compiler.derivatives import Symbol, const
 
-SMALL = 64  # unknowns up to which rows are taken one by one, each time through all of them
-
 
 @dataclass
 class Reduction:
@@ -40,29 +38,12 @@ def reduce(rows: Sequence[Symbol], unknowns: Sequence[Symbol], unseen: bool = Fa
     A row i goes that reads a*d_i + g = 0 with a constant a > 0 and g free of d_i, affine in the other unknowns.
     unseen: also those that no other row sees, however theirs is curved.
     """
-    if len(unknowns) <= SMALL:
-        return _one_by_one(
-            Reduction(list(rows), list(unknowns)),
-            lambda state: _eliminable(state) or (_eliminable(state, unseen=True) if unseen else None),
-        )
-    left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
     degree = degrees([], unknowns)
-    while True:  # what was eliminated may make another row linear
-        kept, before = [], len(eliminated)
-        inserted = trace.Substitution(eliminated)
-        for row, unknown in left:
-            row = inserted(row)
-            formula = _solved(row, unknown, degree)
-            if formula is None:
-                kept.append((row, unknown))
-            else:
-                eliminated[unknown] = formula
-                inserted = trace.Substitution(eliminated)
-        left = kept
-        if len(eliminated) == before:
-            break
-    left.reverse()  # entropies first: their pivots are safe at any h (an M-matrix)
-    return Reduction([row for row, _ in left], [unknown for _, unknown in left], _closed(eliminated))
+
+    def formula_of(row: Symbol, unknown: Symbol) -> Symbol | None:
+        return _linear(row, unknown) if degrees([row], [], degree)[row.number] <= 1 else None
+
+    return _reduced(rows, unknowns, formula_of, unseen)
 
 
 def reduce_arrays(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> Reduction:
@@ -70,12 +51,50 @@ def reduce_arrays(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol)
 
     What belongs to one entry alone, as the flow of a dashpot, is condensed so.
     """
+    return _reduced(rows, unknowns, lambda row, unknown: _of_array(row, unknown, h))
 
-    def eliminable(state: Reduction) -> tuple[int, Symbol] | None:
-        formulas = (_of_array(row, x, h) for row, x in zip(state.rows, state.unknowns, strict=True))
-        return next(((i, formula) for i, formula in enumerate(formulas) if formula is not None), None)
 
-    return _one_by_one(Reduction(list(rows), list(unknowns)), eliminable)
+def _reduced(
+    rows: Sequence[Symbol], unknowns: Sequence[Symbol],
+    formula_of: Callable[[Symbol, Symbol], Symbol | None], unseen: bool = False,
+) -> Reduction:  # fmt: skip
+    left, eliminated = list(zip(rows, unknowns, strict=True)), dict[Symbol, Symbol]()
+    while True:  # what was eliminated may make another row linear
+        kept, before = [], len(eliminated)
+        inserted = trace.Substitution(eliminated)
+        for row, unknown in left:
+            row = inserted(row)
+            formula = formula_of(row, unknown)
+            if formula is None:
+                kept.append((row, unknown))
+            else:
+                eliminated[unknown] = formula
+                inserted = trace.Substitution(eliminated)
+        left = kept
+        if len(eliminated) == before and not (unseen and _unseen(left, eliminated)):
+            break
+    left.reverse()  # entropies first: their pivots are safe at any h (an M-matrix)
+    return Reduction([row for row, _ in left], [unknown for _, unknown in left], _closed(eliminated))
+
+
+def _unseen(left: list[tuple[Symbol, Symbol]], eliminated: dict[Symbol, Symbol]) -> bool:
+    """Eliminate the first unknown that no other row sees; is there one?"""
+    slopes = trace.sparse_jacobian([row for row, _ in left], [unknown for _, unknown in left])
+    for i, (row, unknown) in enumerate(left):
+        alone = not any(i in other for j, other in enumerate(slopes) if j != i)
+        a = slopes[i].get(i, const(0.0))
+        if alone and _is_positive(a):
+            eliminated[unknown] = _given(row, unknown, a)
+            del left[i]
+            return True
+    return False
+
+
+def _linear(row: Symbol, unknown: Symbol) -> Symbol | None:
+    """The formula that an affine row gives for its unknown; None where its slope is not positive."""
+    (slope,) = trace.sparse_jacobian([row], [unknown])
+    a = slope.get(0, const(0.0))
+    return _given(row, unknown, a) if _is_positive(a) else None
 
 
 def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
@@ -87,37 +106,7 @@ def _of_array(row: Symbol, unknown: Symbol, h: Symbol) -> Symbol | None:
         return None
     ((term, a),) = found.items()
     (still,) = trace.substitute([a], {h: const(0.0)})
-    if term.rows or term.columns or not _is_positive(still):
-        return None
-    return _given(row, unknown, a)
-
-
-def _one_by_one(state: Reduction, eliminable: Callable[[Reduction], tuple[int, Symbol] | None]) -> Reduction:
-    """The same, each row's formula inserted into all others: at a cost that grows as the square of their number."""
-    while (found := eliminable(state)) is not None:
-        i, formula = found
-        unknown = state.unknowns.pop(i)
-        state.rows.pop(i)
-        state.rows = trace.substitute(state.rows, {unknown: formula})
-        formulas = trace.substitute(list(state.eliminated.values()), {unknown: formula})
-        state.eliminated = dict(zip(state.eliminated, formulas, strict=True)) | {unknown: formula}
-    state.rows.reverse()
-    state.unknowns.reverse()
-    return state
-
-
-def _eliminable(state: Reduction, unseen: bool = False) -> tuple[int, Symbol] | None:
-    slopes_of = trace.sparse_jacobian(state.rows, state.unknowns) if unseen else []
-    for i, (row, unknown) in enumerate(zip(state.rows, state.unknowns, strict=True)):
-        (slopes,) = trace.sparse_jacobian([row], state.unknowns)
-        moving = trace.depends_on(slopes.values(), state.unknowns)
-        a = slopes.get(i, const(0.0))
-        curved = any(s.number in moving for s in slopes.values())
-        if unseen:
-            curved = any(i in other for j, other in enumerate(slopes_of) if j != i)
-        if _is_positive(a) and not curved:
-            return i, _given(row, unknown, a)
-    return None
+    return None if term.rows or term.columns or not _is_positive(still) else _given(row, unknown, a)
 
 
 def _is_positive(slope: Symbol) -> bool:
@@ -137,12 +126,3 @@ def _closed(eliminated: dict[Symbol, Symbol]) -> dict[Symbol, Symbol]:
     for unknown, formula in reversed(eliminated.items()):
         closed[unknown] = inserted.new[unknown.number] = inserted(formula)
     return {unknown: closed[unknown] for unknown in eliminated}
-
-
-def _solved(row: Symbol, unknown: Symbol, degree: dict[int, float]) -> Symbol | None:
-    """The formula that the row gives for its unknown, or None. degree: in all unknowns, of the nodes seen so far."""
-    if degrees([row], [], degree)[row.number] > 1:
-        return None
-    (slope,) = trace.sparse_jacobian([row], [unknown])
-    a = slope.get(0, const(0.0))
-    return _given(row, unknown, a) if _is_positive(a) else None

@@ -23,6 +23,8 @@ from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, is_array, refilled
 from ..compiler.arrays import total, variable
 from ..compiler.derivatives import Symbol, const
+from ..compiler.elimination import factorise
+from ..compiler.normal_rows import cancelled
 from ..errors import TcbenchError, TraceError
 
 if TYPE_CHECKING:
@@ -173,9 +175,7 @@ def discrete_pull(system: Any, y0: Any, d: Sequence[Symbol], lam: Sequence[Any])
 
 def _difference(x: Symbol, row: Symbol) -> Symbol:
     """x - row, terms that cancel left out."""
-    from ..solver.normal_rows import _cancelled
-
-    return _cancelled(trace.sub(x, row))
+    return cancelled(trace.sub(x, row))
 
 
 def _over(x: Symbol, h: Symbol) -> Symbol:
@@ -240,8 +240,6 @@ def reduced(system: Any, z: Any) -> Any:
 
 def _solved(system: Any, x: Any) -> list[Symbol]:
     """The multipliers at a state of symbols."""
-    from ..solver.elimination import factorise
-
     n = len(entries(x))
     dS = system.entropy_gradient(x)
     free = [trace.lifted(y) for y in entries(_unpulled(system, x))]

@@ -81,21 +81,6 @@ def test_an_annotation_without_a_rank_is_refused():
         Library("unclear", f).f  # noqa: B018
 
 
-def test_a_global_that_changes_later_is_seen(monkeypatch):
-    """Also by who kept the function; the old value would be a wrong number in silence."""
-    library = Library("limits", shift)
-    kept = library.shift
-    assert kept(1.0) == 3.0
-    monkeypatch.setitem(globals(), "LIMIT", 5.0)
-    assert kept(1.0) == library.shift(1.0) == 6.0
-    monkeypatch.setitem(globals(), "LIMIT", 2.0)
-    assert kept(1.0) == library.shift(1.0) == 3.0
-    of_module = Library("of a module", seen_elsewhere)
-    assert of_module.seen_elsewhere(1.0) == 3.0
-    monkeypatch.setattr(elsewhere, "LIMIT", 4.0)
-    assert of_module.seen_elsewhere(1.0) == 5.0
-
-
 def test_a_closure_reads_the_function_around_it_not_a_global_of_the_same_name():
     assert n == 7.0
     for value in (2.0, 3.0):
@@ -111,25 +96,6 @@ def test_a_closure_that_is_not_filled_yet_is_refused():
     with pytest.raises(TcbenchError, match="has no value yet"):
         Library("early", f).f  # noqa: B018
     later = 2.0
-
-
-def test_a_record_that_is_declared_anew_is_seen(monkeypatch):
-    """Its numbers would be read where those of the old one stood."""
-    library = Library("records", of_records)
-    library.of_records(Whole(count=2, parts=Rows([Part(size=1, x=np.ones(1))] * 2), m=np.ones((2, 2))))
-
-    class Other(Record):
-        more: int
-        count: int
-        parts: Rows[Part]
-        m: Matrix = sized("count", "2")
-
-    monkeypatch.setitem(of_records.__annotations__, "whole", "Whole")
-    named = Library("named", of_records)
-    for kind, more in ((Whole, {}), (Other, {"more": 1})):
-        monkeypatch.setitem(globals(), "Whole", kind)
-        parts = Rows([Part(size=1, x=np.array([value])) for value in (1.0, 2.0)])
-        assert named.of_records(kind(count=2, parts=parts, m=np.ones((2, 2)), **more)) == 3.0
 
 
 def test_code_that_is_in_no_file_is_refused():

@@ -180,17 +180,15 @@ def test_a_run_that_is_looked_at_takes_the_same_steps_and_says_how_far_it_is(nam
 
 @pytest.mark.parametrize("method", METHODS)
 def test_an_error_at_a_look_ends_the_run_and_is_raised(method, monkeypatch):
-    """As a time limit that is far too short is."""
-
     def refused(*_):
         raise MachineError("too long")
 
     solve, scenario = find_integrator(method).adaptive, find_scenario("viscous_pendulum")
     seen = looked_at_often(monkeypatch)
     with monkeypatch.context() as patched, pytest.raises(MachineError, match="too long"):
-        patched.setattr(foresight.Rest, "looked", refused)
+        patched.setattr(foresight.Looks, "tell", refused)
         solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
-    assert len(seen) == 1
+    assert not seen
     solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
     assert len(seen) > 3
 
@@ -215,11 +213,22 @@ def test_an_interrupted_end_of_a_run_is_no_error_of_the_next_one(monkeypatch):
     solve, scenario = find_integrator("tc_taylor").adaptive, find_scenario("viscous_pendulum")
     looked_at_often(monkeypatch)
     with monkeypatch.context() as patched:
-        patched.setattr(foresight.Rest, "looked", lambda *_: signal.raise_signal(signal.SIGINT))
+        patched.setattr(foresight.Looks, "tell", lambda *_: signal.raise_signal(signal.SIGINT))
         patched.setattr(foresight.Looks, "end", lambda looks: None)
         with pytest.raises(ArithmeticError, match="too short"):
             solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
     solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
+
+
+def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
+    looks = foresight.Looks(100)
+    looks.begun, looks.times = 1.0, np.linspace(0.0, 100.0, 11)
+    with progress.waiting("a run", show=True) as meter:
+        looks.tell(0.4, 2.0)
+        assert meter.text == "a run"
+        looks.tell(20.0, 6.0)
+        assert meter.text == "a run, from t = 20 to 100 about 20 s" and (meter.done, meter.total) == (2, 10)
+        looks.end()
 
 
 def test_looks_come_as_often_as_they_are_meant_to(monkeypatch):
@@ -235,39 +244,3 @@ def test_looks_come_as_often_as_they_are_meant_to(monkeypatch):
             between.append(passed)
             assert not looks
         assert between[-1] == pytest.approx(max(foresight.AIM, step), rel=0.1)
-
-
-def told(looks, end, limit, monkeypatch):
-    """What is said at each of these looks of a run, pairs of a time and what the clock shows, that may take so long."""
-    monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: clock))
-    clock, rest = 0.0, foresight.Rest(60, np.array([0.0, end]))
-    with foresight.within(limit):
-        for t, clock in looks:
-            yield rest.looked(t, clock)
-
-
-def test_the_rest_of_a_run_that_chooses_its_steps_is_told(monkeypatch):
-    times, clocks = (0.0, 0.1, 0.1, 0.2, 0.4, 1.4, 1.5, 3.4, 99.0), (0.1, 5.0, 5.5, 5.1, 5.6, 6.6, 7.0, 8.6, 20.0)
-    looks = list(zip(times, clocks, strict=True))
-    found = list(told(looks, 100.0, None, monkeypatch))
-    assert found == ["", "", "", "", "", ", from t = 1.4 to 100 about 99 s", "", ", from t = 3.4 to 100 about 97 s", ""]
-
-
-def test_a_run_far_beyond_its_limit_is_refused_at_the_second_look(monkeypatch):
-    looks = [(0.125 * k, 0.25 * k) for k in range(160)]
-    sentence = (
-        r"From t = 4.12 to 100 a run of 60 numbers takes about 192 s, and 32 s .* give a longer --timeout, or take"
-    )
-    with pytest.raises(MachineError, match=sentence):
-        list(told(looks, 100.0, 40.0, monkeypatch))
-    list(told(looks, 100.0, 150.0, monkeypatch))  # not far beyond
-
-
-def test_a_run_that_begins_with_small_steps_is_not_refused(monkeypatch):
-    """From its first fifth of a second it was foretold to take 200 s, and it would have ended after 20."""
-    steps = 1e-3 * 1.05 ** np.arange(400)
-    times = np.cumsum(steps)
-    looks = list(zip(times, 0.05 * np.arange(len(times)), strict=True))
-    assert any(told(looks, times[-1], 40.0, monkeypatch))
-    layer = [(0.06 * k, 0.1 * k) for k in range(70)] + [(4.2 + 3.0 * k, 7.0 + 0.1 * k) for k in range(1, 100)]
-    assert any(told(layer, layer[-1][0], 40.0, monkeypatch))

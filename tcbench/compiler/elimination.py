@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..compiler import derivatives as trace
-from ..compiler.derivatives import Symbol
 from ..errors import TraceError
+from . import derivatives as trace
+from .derivatives import Symbol
 
 ZERO_PIVOT = "The residual's Jacobian has a structural zero on its diagonal; reorder the rows."
 

@@ -7,9 +7,9 @@ import tcbench
 from tcbench import Flow, Integrator
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import is_array
+from tcbench.compiler.normal_rows import normalised
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.simulation.run import simulate
-from tcbench.solver.normal_rows import normalised
 
 
 def field(z0, z1, system):

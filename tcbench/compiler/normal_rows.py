@@ -11,11 +11,11 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from ..compiler import derivatives as trace
-from ..compiler import symbols
-from ..compiler.array_jacobian import jacobian_terms
-from ..compiler.derivatives import Symbol, const
 from ..errors import TraceError
+from . import derivatives as trace
+from . import symbols
+from .array_jacobian import jacobian_terms
+from .derivatives import Symbol, const
 
 Slopes = list[dict[int, Symbol]]  # of each row: place of an unknown -> slope
 MIXED = 64  # unknowns up to which mixtures of rows are taken apart
@@ -28,10 +28,10 @@ def normalised(rows: Sequence[Symbol], unknowns: Iterable[Symbol], h: Symbol) ->
     """
     unknowns = list(unknowns)
     moving = trace.depends_on(rows, unknowns)
-    rows = [_cancelled(_without_factors(row, moving)) for row in rows]
+    rows = [cancelled(_without_factors(row, moving)) for row in rows]
     slopes = _at_zero(rows, unknowns, h)
     if slopes is None:  # h is a divisor
-        multiplied = [_cancelled(_times(row, h)) for row in rows]
+        multiplied = [cancelled(_times(row, h)) for row in rows]
         slopes = _at_zero(multiplied, unknowns, h)
         if slopes is None:
             return rows
@@ -77,7 +77,7 @@ def _total(terms: Sequence[tuple[int, Symbol]]) -> Symbol:
     return total
 
 
-def _cancelled(row: Symbol) -> Symbol:
+def cancelled(row: Symbol) -> Symbol:
     """Without terms that are added and subtracted: z0 + h f - z1 is h f - (z1 - z0), and keeps its digits."""
     terms = _terms(row)
     counts: dict[Symbol, int] = {}
