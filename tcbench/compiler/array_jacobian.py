@@ -38,13 +38,14 @@ class ManyPairs(Exception):
 def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: float = np.inf) -> list[Terms]:
     """Of each output its terms, to be added up where they fall together. most: terms over pairs, else ManyPairs.
 
-    What a curved function is of, if it depends on several, is differentiated once and its slopes inserted at the end:
-    all coordinates of an element act through one length. So is what depends on many and is read by several.
+    What is marked, or what a curved function of arrays is of, if it depends on several, is differentiated once and its
+    slopes inserted at the end: all coordinates of an element act through one length. So is what depends on many and is
+    read by several.
     """
     tangents: dict[int, Terms] = {x.number: _identity(x) for x in unknowns}
     seeds: dict[int, Terms] = {}
     nodes = topological(outputs)
-    curved = {node.args[0].number for node in nodes if bends(node)}
+    curved = {node.args[0].number for node in nodes if node.space and bends(node)}
     readers = Counter(a.number for node in nodes for a in dict.fromkeys(node.args))
     for node in nodes:
         if node.number in tangents or not any(tangents.get(a.number) for a in node.args):
@@ -62,8 +63,8 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: 
                 for each in terms.items():
                     term, slope = _read_by(node.space, a, *each)
                     _add(found, term, symbols.mul(take(partial, term.rows), slope))
-        wide = len(found) >= WIDE and readers[node.number] > 1 and node.op not in LINEAR
-        if wide or (node.number in curved and len(found) > 1):
+        wide = len(found) >= WIDE and readers[node.number] > 1 and bool(node.space) and node.op not in LINEAR
+        if wide or node.op == "mark" or (node.number in curved and len(found) > 1):
             seeds[node.number], found = found, _identity(node)
         tangents[node.number] = found
         if most < np.inf:

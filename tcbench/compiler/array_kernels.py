@@ -7,7 +7,7 @@ piece of machine code serves a system of any size, and what works on a small one
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -334,47 +334,41 @@ class _Body:
         ]
         self.derivatives = derivatives_of(self.here)
         terms = [k for k, (term, x) in enumerate(writer.terms) if writer._stage(x, term.over) == (depth, space)]
-        if len(terms) <= GROUP:
-            self._make(self.here)
-            self._keep()
-            self._sums((depth, space))
-            self._entries(terms, range(len(terms)))
-            return
+        kept = [(x, writer.stored[x.number]) for x in self.here if x.number in writer.stored and x.op not in WHOLE]
+        sums = list(self._summed((depth, space)))
         # LLVM takes the square of the length of straight-line code: the many slopes of large elements come in groups
-        of_terms = [writer.terms[k][1] for k in terms]
-        first = set(self._read_by((depth, space)))
-        wanted = topological([x for x in self.here if x.number in first], self._there)
-        needed = {x.number for x in wanted}
-        self._make([x for x in self.here if x.number in needed])
-        self._keep()
-        self._sums((depth, space))
-        for start in range(0, len(terms), GROUP):
-            group = range(start, min(start + GROUP, len(terms)))
-            needed = {x.number for x in topological([of_terms[m] for m in group], self._there)}
-            self._make([x for x in self.here if x.number in needed])
-            self._entries(terms, group)
-
-    @property
-    def _there(self) -> set[int]:
-        return set(self.names)
-
-    def _read_by(self, stage: tuple[int, str]) -> list[int]:
-        """What this loop makes for others."""
-        w = self.w
-        found = [x.number for x in self.here if x.number in w.stored and x.op not in WHOLE]
-        for node in w.nodes:
-            if node.number not in w.given and node.op == "collect":
-                found += [
-                    x.number for x, p in zip(node.args, node.value, strict=True) if w._stage(x, p[0].source) == stage
+        groups = [range(k, min(k + GROUP, len(terms))) for k in range(0, len(terms), GROUP)]
+        self._make([x for x, _ in kept] + [x for _, x, _ in sums] if len(groups) > 1 else self.here)
+        self.lines += [f"{writer.item(place, i)} = {self.names[x.number]}" for x, place in kept]
+        for each in sums:
+            self._sum(*each)
+        for group in groups:
+            of_terms = [writer.terms[terms[m]][1] for m in group]
+            if len(groups) == 1:
+                places = zip(group, of_terms, strict=True)
+                self.lines += [
+                    f"{self._entry(terms, str(m))} += {value}" for m, x in places for value in [self.value(x)]
                 ]
-            elif node.number not in w.given and node.op == "total" and w._stage(node.args[0], node.value[1]) == stage:
-                found.append(node.args[0].number)
-        return found
+            else:
+                self._make(of_terms)
+                self._entries(terms, group, [self.value(x) for x in of_terms])
 
-    def _make(self, nodes: Sequence[Symbol]) -> None:
-        writer = self.w
-        for node in nodes:
-            if node.number in self.names or node.op in WHOLE:
+    def _summed(self, stage: tuple[int, str]) -> Iterator[tuple[Symbol, Symbol, Path]]:
+        """Sums to which this loop adds: the sum, what is added, and along which path; () over all."""
+        for node in self.w.nodes:
+            if node.number in self.w.given:
+                continue
+            if node.op == "collect":
+                parts = zip(node.args, node.value, strict=True)
+                yield from ((node, x, path) for x, path in parts if self.w._stage(x, path[0].source) == stage)
+            elif node.op == "total" and self.w._stage(node.args[0], node.value[1]) == stage:
+                yield node, node.args[0], ()
+
+    def _make(self, wanted: Sequence[Symbol]) -> None:
+        """The values of this loop that these need."""
+        writer, needed = self.w, {x.number for x in topological(wanted, set(self.names))}
+        for node in self.here:
+            if node.number not in needed or node.number in self.names or node.op in WHOLE:
                 continue
             if node.op == "take":
                 self.names[node.number] = name = writer._fresh("v")
@@ -385,30 +379,22 @@ class _Body:
                 self.value(a)
             self.lines += writer._operation(node, self.names, self.derivatives)
 
-    def _keep(self) -> None:
-        for node in self.here:
-            place = self.w.stored.get(node.number)
-            if place and node.op not in WHOLE:
-                self.lines.append(f"{self.w.item(place, self.i)} = {self.names[node.number]}")
+    def _entry(self, terms: Sequence[int], which: str) -> str:
+        """Where the slope of a term belongs in the Jacobian."""
+        place = f"table[{self.w.slot('places', *terms)} + {len(terms)} * {self.i} + {which}]"
+        return self.w.item(Place("out", self.w.terms_at), place)
 
-    def _entries(self, terms: Sequence[int], group: range) -> None:
-        """Add slopes into the Jacobian."""
+    def _entries(self, terms: Sequence[int], group: range, values: Sequence[str]) -> None:
+        """Add slopes of one group among several into the Jacobian, by a loop."""
         w = self.w
-        if len(terms) <= GROUP:
-            for m in group:
-                value = self.value(w.terms[terms[m]][1])
-                place = f"table[{w.slot('places', *terms)} + {len(terms)} * {self.i} + {m}]"
-                self.lines.append(f"{w.item(Place('out', w.terms_at), place)} += {value}")
-            return
         if w.buffer is None:
             w.arrays.append(f"#{GROUP}")
             w.buffer = Place("s", len(w.arrays) - 1)
-        values = [self.value(w.terms[terms[m]][1]) for m in group]
         self.lines += [f"{w.item(w.buffer, str(m))} = {value}" for m, value in enumerate(values)]
         each = w._fresh("i")
-        place = f"table[{w.slot('places', *terms)} + {len(terms)} * {self.i} + {group.start} + {each}]"
         self.lines.append(f"for {each} in range({w.slot('size', f'#{len(group)}')}):")
-        self.lines.append(f"    {w.item(Place('out', w.terms_at), place)} += {w.item(w.buffer, each)}")
+        entry = self._entry(terms, f"{group.start} + {each}")
+        self.lines.append(f"    {entry} += {w.item(w.buffer, each)}")
 
     def index(self, path: Path) -> str:
         if path not in self.indices:
@@ -429,24 +415,17 @@ class _Body:
                 self.lines.append(f"{name} = {self.w.item(self.w.stored[x.number], self.i)}")
         return self.names[x.number]
 
-    def _sums(self, stage: tuple[int, str]) -> None:
-        """What this loop adds to sums: along tables, over all, and into a Jacobian."""
-        w = self.w
-        for node in w.nodes:
-            if node.number in w.given:
-                continue
-            if node.op == "collect":
-                for x, path in zip(node.args, node.value, strict=True):
-                    if w._stage(x, path[0].source) == stage:
-                        value = self.value(x)
-                        place = w.item(w.stored[node.number], self.index(path))
-                        self.lines.append(f"{place} += {value}")
-            elif node.op == "total" and w._stage(node.args[0], node.value[1]) == stage:
-                name, item, op = w.names[node.number], self.value(node.args[0]), node.value[0]
-                if op == "add":  # compensated (Kahan 1965): of terms that are alike round-off has one sign
-                    y, t = w._fresh("y"), w._fresh("t")
-                    self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
-                    self.lines.append(f"{name} = {t}")
-                    self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
-                else:
-                    self.lines.append(f"{name} = {op}({name}, {item})")
+    def _sum(self, node: Symbol, x: Symbol, path: Path) -> None:
+        """What this loop adds to a sum along a table, or over all."""
+        w, item = self.w, self.value(x)
+        if path:
+            self.lines.append(f"{w.item(w.stored[node.number], self.index(path))} += {item}")
+            return
+        name, op = w.names[node.number], node.value[0]
+        if op == "add":  # compensated (Kahan 1965): of terms that are alike round-off has one sign
+            y, t = w._fresh("y"), w._fresh("t")
+            self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
+            self.lines.append(f"{name} = {t}")
+            self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
+        else:
+            self.lines.append(f"{name} = {op}({name}, {item})")

@@ -102,30 +102,11 @@ def sparse_jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> list
 
     Marked nodes are seeds of their own; at the end they are expanded, the last one first.
     """
-    one = const(1.0)
-    outputs = [lifted(x) for x in outputs]
-    columns = {x.number: j for j, x in enumerate(inputs)}
-    tangents: dict[int, dict[int, Symbol]] = {number: {number: one} for number in columns}
-    seeds: dict[int, dict[int, Symbol]] = {}  # marked node -> its own tangent
-    for node in topological(outputs):
-        if node.number in tangents or not any(tangents.get(a.number) for a in node.args):
-            continue
-        if node.op == "mark":
-            seeds[node.number] = tangents[node.args[0].number]
-            tangents[node.number] = {node.number: one}
-            continue
-        tangent: dict[int, Symbol] = {}
-        for argument, partial in zip(node.args, partials(node), strict=True):
-            accumulate(tangent, partial, tangents.get(argument.number, {}))
-        tangents[node.number] = tangent
-    rows = []
-    for node in outputs:
-        tangent = dict(tangents.get(node.number, {}))
-        while pending := [number for number in tangent if number in seeds]:
-            number = max(pending)
-            accumulate(tangent, tangent.pop(number), seeds[number])
-        rows.append({columns[number]: t for number, t in tangent.items() if not is_const(t, 0.0)})
-    return rows
+    from .array_jacobian import jacobian_terms
+
+    place = {x.number: j for j, x in enumerate(inputs)}
+    rows = jacobian_terms([lifted(x) for x in outputs], inputs)
+    return [{place[term.unknown.number]: slope for term, slope in row.items()} for row in rows]
 
 
 def along(outputs: Sequence[Symbol], directions: Mapping[Symbol, Symbol]) -> list[Symbol]:
