@@ -34,6 +34,7 @@ SUFFIXES = (".gif", ".mp4", ".html")
 ROOM = 0.06  # of a view around what the runs that ended well need: a run that flies apart leaves it
 WIDEST = 0.6  # the same where no run ended well, around the start
 LOST = 3.0  # errors of the energy over V0 that are shown
+BAD, PLAIN = "#b00020", "#222222"
 
 
 def animate(
@@ -75,15 +76,21 @@ def animate(
     if not 1 <= frames <= MOST_FRAMES:
         raise TcbenchError(f"frames must be 1 to {MOST_FRAMES}, not {frames}.")
     place = None if path is None else checked_output(path)
-    _checked(chosen)
+    if not 1 <= len(chosen) <= MOST_METHODS:
+        raise TcbenchError(f"An animation shows 1 to {MOST_METHODS} runs side by side, not {len(chosen)}.")
+    if len(names := {run.scenario.name for run in chosen}) > 1:
+        raise TcbenchError(f"An animation shows runs of one scenario, not of {', '.join(sorted(names))}.")
     if place is None:
         return _movie(chosen, frames, fps)
     pictures = _pictures(chosen, frames)
     with writing(repr(str(place))), written(place) as temporary:
         if place.suffix == ".html":
             temporary.write_text(_page(pictures, fps), encoding="utf-8")
+        elif place.suffix == ".mp4":
+            _as_mp4(pictures, temporary, fps)
         else:
-            {".gif": _as_gif, ".mp4": _as_mp4}[place.suffix](pictures, temporary, fps)
+            first, *rest = [picture.quantize(64) for picture in pictures]
+            first.save(temporary, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, optimize=True)
     return place
 
 
@@ -116,10 +123,11 @@ def checked_output(output: str | Path) -> Path:
 
 
 def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
-    """Every frame; what stands still is drawn once."""
+    """Every frame; what stands still is drawn once, which matplotlib's own writers do not (30 CPU s for 60 frames)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
+    found = []
     with matplotlib.rc_context(STYLE):
         stage = _Stage(runs, frames)
         stage.figure.set_dpi(80)
@@ -128,7 +136,6 @@ def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
             artist.set_animated(True)
         canvas.draw()
         background = canvas.copy_from_bbox(stage.figure.bbox)
-        found = []
         for frame in range(frames):
             canvas.restore_region(background)
             stage.show(frame)
@@ -138,11 +145,6 @@ def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
     return found
 
 
-def _as_gif(pictures: Sequence[Image], path: Path, fps: int) -> None:
-    first, *rest = [picture.quantize(64) for picture in pictures]
-    first.save(path, save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, optimize=True)
-
-
 def _as_mp4(pictures: Sequence[Image], path: Path, fps: int) -> None:
     width, height = pictures[0].size
     command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
@@ -150,28 +152,18 @@ def _as_mp4(pictures: Sequence[Image], path: Path, fps: int) -> None:
                str(path)]  # fmt: skip
     done = subprocess.run(command, input=b"".join(p.tobytes() for p in pictures), capture_output=True)
     if done.returncode:
-        raise TcbenchError(
-            f"ffmpeg could not write {str(path)!r}: {done.stderr.decode(errors='replace').strip()[:300]}"
-        )
+        why = done.stderr.decode(errors="replace").strip()[:300]
+        raise TcbenchError(f"ffmpeg could not write {str(path)!r}: {why}")
 
 
 def _page(pictures: Sequence[Image], fps: int) -> str:
     """One page with all pictures and the controls of a player."""
     encoded = []
     for picture in pictures:
-        buffer = io.BytesIO()
-        picture.quantize(64).save(buffer, "PNG", optimize=True)
+        picture.quantize(64).save(buffer := io.BytesIO(), "PNG", optimize=True)
         encoded.append(base64.b64encode(buffer.getvalue()).decode())
     page = (files(__package__) / "templates" / "movie.html").read_text("utf-8")
     return page.replace("FRAMES", str(encoded)).replace("WAIT", str(1000 / fps))
-
-
-def _checked(runs: Sequence[Trajectory]) -> None:
-    if not 1 <= len(runs) <= MOST_METHODS:
-        raise TcbenchError(f"An animation shows 1 to {MOST_METHODS} runs side by side, not {len(runs)}.")
-    names = {run.scenario.name for run in runs}
-    if len(names) > 1:
-        raise TcbenchError(f"An animation shows runs of one scenario, not of {', '.join(sorted(names))}.")
 
 
 class _Stage:
@@ -180,68 +172,52 @@ class _Stage:
     def __init__(self, runs: Sequence[Trajectory], frames: int) -> None:
         from matplotlib.figure import Figure
 
-        self.runs = runs
         self.times = np.linspace(0.0, max(run.t[-1] for run in runs), frames)
         self.rows = [np.searchsorted(run.t, self.times, side="right") - 1 for run in runs]
-        self.places = [segments(run.scenario.model, run.z) for run in runs]
-        laws = 2 + len(runs[0].invariants)
-        self.figure = Figure(figsize=(3.4 * max(2, len(runs), 0.7 * laws), 6.2), layout="constrained")
+        places = [segments(run.scenario.model, run.z) for run in runs]
+        good = [place for run, place in zip(runs, places, strict=True) if run.ok]
+        held = np.concatenate([place.reshape(-1, 2) for place in good or [p[:1] for p in places]])
+        low, high = held.min(axis=0), held.max(axis=0)
+        room = 2 * (ROOM if good else WIDEST) * max(high - low)  # around what the runs that ended well need
+        laws = [_laws(run) for run in runs]
+        self.figure = Figure(figsize=(3.4 * max(2, len(runs), 0.7 * len(laws[0])), 6.2), layout="constrained")
         parts: Any = self.figure.subfigures(2, 1, height_ratios=(1.35, 1))
         above, below = parts
         axes = above.subplots(1, len(runs), squeeze=False)[0]
-        self.views = [_View(*parts) for parts in zip(axes, runs, self.places, strict=True)]
-        box, heat = self._box(), self._heat()
-        for view in self.views:
-            view.frame(box, heat)
-        if any(run.temperatures.shape[1] == place.shape[1] for run, place in zip(runs, self.places, strict=True)):
+        heat, box = _heat(runs), ((low + high) / 2, high - low + room)
+        self.views = [_View(ax, run, place, heat, box) for ax, run, place in zip(axes, runs, places, strict=True)]
+        if any(view.coloured for view in self.views):
             above.colorbar(self.views[0].springs, ax=list(axes), label="temperature θ", shrink=0.8, pad=0.01)
         above.suptitle(runs[0].scenario.name)
-        self.lines = self._laws(below)
+        panels = below.subplots(1, len(laws[0]), squeeze=False)[0]
+        self.lines: list[list[Any]] = [[] for _ in runs]  # of each run (line, times, values)
+        for ax, label in zip(panels, laws[0], strict=True):
+            self._running(
+                ax, label, runs, [of.get(label, np.full(len(r.t), np.nan)) for of, r in zip(laws, runs, strict=True)]
+            )
         self.moving = [a for view in self.views for a in view.moving] + [x[0] for lines in self.lines for x in lines]
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")  # found once: it would take most of the time of each frame
         for view in self.views:
             view.fill()
 
-    def _box(self) -> Any:
-        """What the view must hold, (2, 2): the way of the runs that ended well, or of the start where none did."""
-        good = [place for run, place in zip(self.runs, self.places, strict=True) if run.ok]
-        shown = np.concatenate([place.reshape(-1, 2) for place in good or [p[:1] for p in self.places]])
-        low, high = shown.min(axis=0), shown.max(axis=0)
-        return np.array([low, high]) + (ROOM if good else WIDEST) * max(high - low) * np.array([[-1.0], [1.0]])
-
-    def _heat(self) -> tuple[float, float]:
-        known = np.concatenate([run.temperatures.ravel() for run in self.runs])
-        if not known.size:
-            return 0.0, 1.0
-        low, high = np.percentile(known[np.isfinite(known)], (1, 99))
-        return float(low), float(max(high, low + 1e-9))
-
-    def _laws(self, below: Any) -> list[list[Any]]:
-        """One panel a law with a line a method; returns for each run its (line, times, values)."""
-        first = self.runs[0]
-        names = list(first.invariants)
-        axes = below.subplots(1, 2 + len(names), squeeze=False)[0]
-        labels = ["(E − E₀) / V₀", "entropy S", *(f"{name.replace('_', ' ')}, change" for name in names)]
-        found: list[list[Any]] = [[] for _ in self.runs]
-        for k, (ax, label) in enumerate(zip(axes, labels, strict=True)):
-            for i, run in enumerate(self.runs):
-                values = _values(run, k, names)
-                (line,) = ax.plot([], [], color=look(run.integrator.name).colour, label=run.integrator.name)
-                found[i].append((line, run.t, values))
-            every = np.concatenate([v[np.isfinite(v)] for lines in found for v in [lines[k][2]]])
-            low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
-            if k == 0:
-                low, high = max(low, -LOST), min(high, LOST)
-            if k != 1:  # an error: what is round-off is a flat line, not noise that fills the panel
-                least = ROUND_OFF * 10
-                low, high = min(low, -least), max(high, least)
-                if high - low < 1e3 * least:
-                    ax.axhspan(-ROUND_OFF, ROUND_OFF, color="#808080", alpha=0.3, linewidth=0)
-            room = 0.08 * (high - low) or 1e-12
-            ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
-            ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
-        return found  # no legend, which would cover lines: names stand above, in the colours of theirs
+    def _running(self, ax: Any, label: str, runs: Sequence[Trajectory], values: Sequence[Any]) -> None:
+        """The panel of a law: no legend, which would cover lines; names stand above, in the colours of theirs."""
+        for run, of, lines in zip(runs, values, self.lines, strict=True):
+            (line,) = ax.plot([], [], color=look(run.integrator.name).colour, label=run.integrator.name)
+            lines.append((line, run.t, of))
+        every = np.concatenate([of[np.isfinite(of)] for of in values])
+        low, high = (float(every.min()), float(every.max())) if len(every) else (0.0, 1.0)
+        if label.startswith("(E"):
+            low, high = max(low, -LOST), min(high, LOST)
+        if label != "entropy S":  # an error: what is round-off is a flat line, not noise that fills the panel
+            least = ROUND_OFF * 10
+            low, high = min(low, -least), max(high, least)
+            if high - low < 1e3 * least:
+                ax.axhspan(-ROUND_OFF, ROUND_OFF, color="#808080", alpha=0.3, linewidth=0)
+        room = 0.08 * (high - low) or 1e-12
+        ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
 
     def show(self, frame: int) -> list[Any]:
         """Move everything to this frame."""
@@ -253,39 +229,41 @@ class _Stage:
         return []
 
 
-def _values(run: Trajectory, law: int, names: Sequence[str]) -> Any:
-    if law == 0:
-        return (run.energy - run.energy[0]) / run.scenario.initial_exergy
-    if law == 1:
-        return run.entropy
-    values = run.invariants.get(names[law - 2], np.full(len(run.t), np.nan))
-    return values - values[0]
+def _heat(runs: Sequence[Trajectory]) -> tuple[float, float]:
+    """The temperatures between which the colours of a run lie."""
+    known = np.concatenate([run.temperatures.ravel() for run in runs])
+    low, high = np.percentile(known[np.isfinite(known)], (1, 99)) if known.size else (0.0, 1.0)
+    return float(low), float(max(high, low + 1e-9))
+
+
+def _laws(run: Trajectory) -> dict[str, Any]:
+    """What runs below: the title of a panel -> the values of a run."""
+    told = {"(E − E₀) / V₀": (run.energy - run.energy[0]) / run.scenario.initial_exergy, "entropy S": run.entropy}
+    return told | {f"{name.replace('_', ' ')}, change": of - of[0] for name, of in run.invariants.items()}
 
 
 class _View:
     """One run: its elements as lines, masses at their ends, and the masses' way.
 
     Where a system says points() masses are where lines begin or end, but for the origin, as on the page; else where
-    they end.
+    they end. heat : temperatures of the coldest and the hottest colour. box : middle and size of what is seen.
     """
 
-    def __init__(self, ax: Any, run: Trajectory, place: Any) -> None:
-        self.ax, self.run, self.place = ax, run, place
-        ends = place.reshape(len(place), -1, 2)
-        self.masses_at = ends[:, joints(run.scenario.model, run.z[0])[1] or slice(1, None, 2)]
-
-    def frame(self, box: Any, heat: tuple[float, float]) -> None:
+    def __init__(self, ax: Any, run: Trajectory, place: Any, heat: tuple[float, float], box: Any) -> None:
         from matplotlib.collections import LineCollection
 
-        self.middle, self.size = box.mean(axis=0), np.ptp(box, axis=0)
-        self.ax.tick_params(labelsize=7)
-        self.ax.set_title(self.run.integrator.name, color=look(self.run.integrator.name).colour, fontweight="bold")
-        self.ax.grid(False)
+        self.ax, self.run, self.place, (self.middle, self.size) = ax, run, place, box
+        ends = place.reshape(len(place), -1, 2)
+        self.masses_at = ends[:, joints(run.scenario.model, run.z[0])[1] or slice(1, None, 2)]
+        self.coloured = run.temperatures.shape[1] == place.shape[1]  # a line for each temperature, of its colour
+        ax.tick_params(labelsize=7)
+        ax.set_title(run.integrator.name, color=look(run.integrator.name).colour, fontweight="bold")
+        ax.grid(False)
         self.springs = LineCollection([], linewidths=4, cmap="coolwarm", clim=heat, capstyle="round")
-        self.ax.add_collection(self.springs)
-        (self.trail,) = self.ax.plot([], [], ".", color="#999999", markersize=2)
-        (self.masses,) = self.ax.plot([], [], "o", color="#222222", markersize=8)
-        self.text = self.ax.text(0.02, 0.02, "", transform=self.ax.transAxes, fontsize=8, va="bottom")
+        ax.add_collection(self.springs)
+        (self.trail,) = ax.plot([], [], ".", color="#999999", markersize=2)
+        (self.masses,) = ax.plot([], [], "o", color=PLAIN, markersize=8)
+        self.text = ax.text(0.02, 0.02, "", transform=ax.transAxes, fontsize=8, va="bottom")
         self.moving = [self.springs, self.trail, self.masses, self.text]
 
     def fill(self) -> None:
@@ -296,15 +274,13 @@ class _View:
         self.ax.set(xlim=(x - wide, x + wide), ylim=(y - high, y + high))
 
     def show(self, row: int, before: Sequence[int], t: float) -> None:
-        here = self.place[row]
-        self.springs.set_segments(list(here))
-        if self.run.temperatures.shape[1] == len(here):  # a line for each temperature, of its colour
+        self.springs.set_segments(list(self.place[row]))
+        if self.coloured:
             self.springs.set_array(self.run.temperatures[row])
         self.masses.set_data(*self.masses_at[row].T)
-        way = self.masses_at[list(before)].reshape(-1, 2)
-        self.trail.set_data(way[:, 0], way[:, 1])
-        over = t > self.run.t[-1] + 1e-12 or (not self.run.ok and row == len(self.run.t) - 1)
-        self.text.set_text(
-            f"{self.run.status} at t = {self.run.t[-1]:.3g}" if over and not self.run.ok else f"t = {t:.3g}"
+        self.trail.set_data(*self.masses_at[list(before)].reshape(-1, 2).T)
+        end = self.run.t[-1]
+        over = not self.run.ok and (t > end + 1e-12 or row == len(self.run.t) - 1)
+        self.text.set(
+            text=f"{self.run.status} at t = {end:.3g}" if over else f"t = {t:.3g}", color=BAD if over else PLAIN
         )
-        self.text.set_color("#b00020" if over and not self.run.ok else "#222222")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,8 @@ from ..chart import Tables
 from ..errors import LOUD
 from ..systems.energy_scale import HIDDEN
 from .page_data import methods, unmeasured
-from .pairs import is_finite, ladder_runs, of_whole_state, pairs, times_over_best
+from .pairs import ladder_runs, of_whole_state, pairs, times_over_best
+from .words import ABSENT, is_finite, share_of, some
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -24,7 +25,6 @@ HEADINGS = (
 FAR_OUT = 0.1  # of the exact range of a temperature, beyond which a run is told
 REASONS = 4  # sentences on what has no result: the tables have the rest
 FOLD_ABOVE = 20  # methods, so that 30 lines hold everything
-HOLDS = "holds"
 
 
 def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
@@ -36,68 +36,56 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     ensemble, over all steps or tolerances.
     """
     found = pairs(tables, declared)
-    rows, ratios = methods(found, tables, declared), times_over_best(found)
-    rows.sort(key=lambda r: (r["family"], *_rank(ratios.get(r["name"], [])), r["name"]))
-    folded = _scipy(tables) if len(rows) > FOLD_ABOVE else set()
-    table = tables.get("failure_share")
-    random = (
-        {}
-        if table is None or not len(table)
-        else table.groupby("integrator")[["failed", "runs"]].sum().T.to_dict("list")
-    )
-    shown = [_row(r, ratios.get(r["name"]), random) for r in rows if r["name"] not in folded]
-    group = [r for r in rows if r["name"] in folded]
+    ratios, shares = times_over_best(found), tables.get("failure_share")
+    random = {} if shares is None else shares.groupby("integrator")[["failed", "runs"]].sum().T.to_dict("list")
+
+    def rank(r: Mapping[str, Any]) -> tuple[Any, ...]:
+        of = ratios.get(r["name"], [])
+        return median(of) if of else math.inf, -sum(map(is_finite, of)), r["name"]
+
+    rows = sorted(methods(found, tables, declared), key=lambda r: (r["family"], *rank(r)))
+    work = tables.get("work_precision")
+    group = [r for r in rows if work is not None and "peer" in work and len(rows) > FOLD_ABOVE
+             and r["name"] in {*work.loc[work["peer"].eq("scipy"), "integrator"]}]  # fmt: skip
+    shown = [_row(r, ratios.get(r["name"]), random) for r in rows if r not in group]
     if group:
-        shown.append(_folded(group, ratios, random))
-    used = [i for i in range(len(HEADINGS)) if i == 0 or any(row[i] != "-" for row in shown)]
+        best = min(group, key=rank)
+        failed = share_of(sum(r["failed"] for r in group), sum(r["runs"] for r in group))
+        row = _row(best, ratios.get(best["name"]), random)
+        shown.append([f"{len(group)} of SciPy's; best: {best['name']}", *row[1:6], failed, row[7]])
+    used = [i for i in range(len(HEADINGS)) if i == 0 or any(row[i] != ABSENT for row in shown)]
     return [[HEADINGS[i] for i in used], *([row[i] for i in used] for row in shown)]
 
 
-def _rank(ratios: Sequence[float]) -> tuple[float, float]:
-    return median(ratios) if ratios else math.inf, -sum(map(is_finite, ratios))
-
-
-def _scipy(tables: Tables) -> set[str]:
-    table = tables.get("work_precision")
-    return set() if table is None or "peer" not in table else set(table.loc[table["peer"].eq("scipy"), "integrator"])
-
-
-def _row(r: Mapping[str, Any], ratios: Sequence[float] | None, random: Mapping[str, tuple[int, int]]) -> list[str]:
-    reached = [x for x in ratios or () if is_finite(x)]
+def _row(r: Mapping[str, Any], ratios: Sequence[float] | None, random: Mapping[str, Sequence[int]]) -> list[str]:
+    reached, middle = sum(map(is_finite, ratios or ())), median(ratios) if ratios else math.inf
+    failed, runs = random.get(r["name"], (0, 0))
+    share = f"{100 * failed / runs:.3g} % of {runs}" if failed else f"none of {runs}"
     return [
         str(r["name"]),
         claims(r["laws"]),
         _order(r["order"]),
         _step(r["step"]),
-        f"{len(reached)} of {len(ratios)}" if ratios else "-",
-        "-" if not reached else f"{middle:.3g}" if is_finite(middle := median(ratios or ())) else "not on most",
-        f"{r['failed']} of {r['runs']}" if r["runs"] else "-",
-        _share(*random.get(r["name"], (0, 0))),
+        share_of(reached, len(ratios or ())),
+        f"{middle:.3g}" if is_finite(middle) else "not on most" if reached else ABSENT,
+        share_of(r["failed"], r["runs"]),
+        share if runs else ABSENT,
     ]
-
-
-def _share(failed: int, runs: int) -> str:
-    if not runs:
-        return "-"
-    return f"{100 * failed / runs:.3g} % of {runs}" if failed else f"none of {runs}"
 
 
 def claims(laws: Sequence[Mapping[str, Any]]) -> str:
     """ "2 of 3" claims kept in every run; a claim that no system of the run can show does not count."""
     claimed = [law for law in laws if law["claimed"]]
     shown = [law for law in claimed if law["of"]]
-    if not claimed:
-        return "none" if any(law["claimed"] is False for law in laws) else "-"
     if not shown:
-        return "-"
-    kept = sum(law["kept"] == law["of"] for law in shown)
-    missing = len(claimed) - len(shown)
-    return f"{kept} of {len(shown)}" + (f", {missing} not measured" if missing else "")
+        return "none" if not claimed and any(law["claimed"] is False for law in laws) else ABSENT
+    missing = f", {len(claimed) - len(shown)} not measured" if len(claimed) > len(shown) else ""
+    return share_of(sum(law["kept"] == law["of"] for law in shown), len(shown)) + missing
 
 
 def _order(order: Mapping[str, Any] | None) -> str:
     if order is None or order["low"] is None:
-        return "-"
+        return ABSENT
     low, high = f"{order['low']:.2f}", f"{order['high']:.2f}"
     declared = f" ({order['declared']:g})" if is_finite(order["declared"]) else ""
     return f"{low if low == high else f'{low}..{high}'}{declared}"
@@ -105,30 +93,28 @@ def _order(order: Mapping[str, Any] | None) -> str:
 
 def _step(step: Mapping[str, Any] | None) -> str:
     if step is None or not step["of"]:
-        return "-"
+        return ABSENT
     if not step["limited"]:
         return "no limit"
     least = f"{step['least']:.3g}" if step["least"] else "none"
-    return f"{least} ({step['of'] - step['limited']} of {step['of']} free)"
-
-
-def _folded(
-    group: Sequence[Mapping[str, Any]], ratios: Mapping[str, Sequence[float]], random: Mapping[str, tuple[int, int]]
-) -> list[str]:
-    best = min(group, key=lambda r: _rank(ratios.get(r["name"], [])))
-    failed, runs = sum(r["failed"] for r in group), sum(r["runs"] for r in group)
-    row = _row(best, ratios.get(best["name"]), random)
-    return [f"{len(group)} of SciPy's; best: {best['name']}", *row[1:6], f"{failed} of {runs}", row[7]]
+    return f"{least} ({share_of(step['of'] - step['limited'], step['of'])} free)"
 
 
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
     ladder = tables.get("conservation")
-    said = (
-        _failed(tables), *_hidden(ladder), *_beyond(ladder), *_missing(tables), *without_number(tables),
-        paper(tables.get("claims")),
-    )  # fmt: skip
-    return [sentence for sentence in said if sentence]
+    return [*_failed(tables), *_hidden(ladder), *_beyond(ladder), *_missing(tables), *without_number(tables),
+            *filter(None, [paper(tables.get("claims"))])]  # fmt: skip
+
+
+def _failed(tables: Tables) -> list[str]:
+    ladders = ladder_runs(tables)
+    counts = ladders["status"].astype(str)[ladders["status"].ne("ok")].value_counts(sort=False)
+    parts = ", ".join(f"{n} {status}" for status, n in counts.sort_values(ascending=False, kind="stable").items())
+    if parts:
+        return [f"{share_of(counts.sum(), len(ladders))} runs of the ladders failed, which is a result: {parts}."]
+    whole = f"All {len(ladders)} runs of the ladders of steps and tolerances reached their"
+    return [f"{whole if len(ladders) > 1 else 'The only run reached its'} end."] if len(ladders) else []
 
 
 def _hidden(table: DataFrame | None) -> list[str]:
@@ -151,27 +137,25 @@ def _beyond(table: DataFrame | None) -> list[str]:
     if not len(rows):
         return []
     row = rows.iloc[-1]
-    degrees = f"temperatures from {row['theta_min']:.5g} to {row['theta_max']:.5g}" if "theta_min" in rows else ""
-    exact = f", exactly {row['theta_min_exact']:.5g} to {row['theta_max_exact']:.5g}" if degrees else ""
+    exact = (": temperatures from {theta_min:.5g} to {theta_max:.5g}, exactly {theta_min_exact:.5g} to "
+             "{theta_max_exact:.5g}".format_map(row) if "theta_min" in rows else "")  # fmt: skip
     return [
         f"{len(rows)} runs ended well and left the exact range of temperatures or positive quantities by more than "
-        f"{FAR_OUT:.0%} of it, most {row['integrator']} on {row['scenario']} by {row['range_left']:.0%}"
-        f"{': ' * bool(degrees)}{degrees}{exact}."
+        f"{FAR_OUT:.0%} of it, most {row['integrator']} on {row['scenario']} by {row['range_left']:.0%}{exact}."
     ]
 
 
 def _missing(tables: Tables) -> list[str]:
     """What gave no result and which orders none, with the reasons, each reason once."""
-    reasons: dict[str, list[str]] = {}
-    for item in unmeasured(tables):
-        reasons.setdefault(item.why, []).append(f"{item.study} of {item.integrator} on {item.scenario}")
-    sentences = [f"No result of {_some(what)}: {why}" for why, what in reasons.items()]
-    notes: dict[str, list[str]] = {}
-    for row in of_whole_state(tables["convergence"]).to_dict("records") if "convergence" in tables else ():
-        if row.get("verdict") == "undetermined" and row.get("status") not in LOUD and isinstance(row.get("note"), str):
-            notes.setdefault(row["note"], []).append(f"{row['integrator']} on {row['scenario']}")
-    sentences += [f"Order undetermined of {_some(dict.fromkeys(what))}: {note}" for note, what in notes.items()]
-    return sentences[:REASONS]
+    said = [(f"No result of {{}}: {one.why}", f"{one.study} of {one.where}") for one in unmeasured(tables)]
+    if (fits := tables.get("convergence")) is not None and {"note", "verdict"} <= {*fits}:
+        whole = of_whole_state(fits).reindex(columns=["integrator", "scenario", "note", "verdict", "status"])
+        unclear = whole[whole["verdict"].eq("undetermined") & whole["note"].notna() & ~whole["status"].isin(LOUD)]
+        said += [(f"Order undetermined of {{}}: {note}", f"{m} on {s}") for m, s, note, *_ in unclear.to_numpy()]
+    reasons: dict[str, dict[str, None]] = {}
+    for why, what in said:
+        reasons.setdefault(why, {})[what] = None
+    return [why.replace("{}", some(what, 2), 1) for why, what in reasons.items()][:REASONS]
 
 
 def without_number(tables: Tables) -> list[str]:
@@ -183,31 +167,13 @@ def without_number(tables: Tables) -> list[str]:
     return [f"{why} ({count} of {len(table)} runs)." for why, count in reasons.most_common(REASONS)]
 
 
-def _some(names: Iterable[str]) -> str:
-    found = list(names)
-    return ", ".join(found[:2]) + (f" and {len(found) - 2} more" if len(found) > 2 else "")
-
-
-def _failed(tables: Tables) -> str:
-    ladders = ladder_runs(tables)
-    runs, statuses = len(ladders), Counter(str(s) for s in ladders["status"] if s != "ok")
-    if not runs:
-        return ""
-    if not statuses:
-        whole = f"All {runs} runs of the ladders of steps and tolerances reached their"
-        return f"{whole if runs > 1 else 'The only run reached its'} end."
-    parts = ", ".join(f"{count} {status}" for status, count in statuses.most_common())
-    return f"{statuses.total()} of {runs} runs of the ladders failed, which is a result: {parts}."
-
-
 def paper(table: DataFrame | None) -> str:
     """How many statements of Romero (2009) were checked, and what came of it."""
     if table is None or not len(table):
         return ""
     counts = Counter(str(v) for v in table["verdict"] if isinstance(v, str))
-    rest = ", ".join(
-        f"{n} {verdict if n == 1 else verdict.replace('does', 'do').replace('contradicts', 'contradict')}"
-        for verdict, n in counts.items() if verdict != HOLDS
-    )  # fmt: skip
-    told = f"{counts[HOLDS]} hold" + (f", {rest}" if rest else "")
-    return f"The paper's statements: {sum(counts.values())} checked, {told}."
+    told = [f"{counts['holds']} hold"]
+    for verdict, n in counts.items():
+        plural = verdict.replace("does", "do").replace("contradicts", "contradict")
+        told += [f"{n} {verdict if n == 1 else plural}"] if verdict != "holds" else []
+    return f"The paper's statements: {counts.total()} checked, {', '.join(told)}."

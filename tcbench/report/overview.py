@@ -4,41 +4,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import median
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..chart import Tables
 from . import marks
 from .page_data import Unmeasured, unmeasured
-from .pairs import TIMES, is_finite, ladder_runs, laws, power, times_over_best
-from .summary import seconds
+from .pairs import TIMES, ladder_runs, laws, times_over_best
+from .words import called, is_finite, listed, percent, power, rounded, seconds, some
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second where no method reaches the first
 ROUND_OFF = 1e-12  # errors below it rank nobody
-LONGEST = 40  # characters of a name in a sentence
-TURNING = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"  # bidirectional controls
 WRONG = {"coarse": "final temperatures", "produced": "entropy produced"}  # errors at the coarsest step
 TIE = 1.05  # timings that are nearer than this are as good as each other
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
 LADDERS = ("conservation", "work_precision", "stability", "convergence", "equilibrium_summary")
-NAMED = 3  # methods that a sentence names before it counts the others
 PEERS = {"scipy": "SciPy"}  # packages of several solvers
 
 
-@dataclass(frozen=True)
-class Finding:
-    """An answer: what it is about, who, one number, sentences behind it, and the place on the page that shows it."""
+class Finding(NamedTuple):
+    """An answer: what it is about, who, one number, the place on the page that shows it, and sentences behind it."""
 
     title: str
     lead: str
     text: str
     href: str
-    more: tuple[str, ...] = ()
+    more: Sequence[str] = ()
 
 
 def findings(found: DataFrame, tables: Tables, declared: Tables = MappingProxyType({})) -> list[Finding]:
@@ -54,50 +49,33 @@ def scenario_answers(
     """Scenario -> (question, answer, its number) of the same rules, asked of its rows alone."""
     answers = {}
     for name in scenarios:
-        mine = one_scenario(found, name)
+        mine = found[found.index.get_level_values("scenario") == name].dropna(axis=1, how="all")
         ladders = {key: t[t["scenario"].astype(str) == name] for key, t in tables.items() if key in LADDERS}
         said = (accurate(mine, tables), coarse(mine), cheapest(mine), failing(mine, ladders))
-        answers[name] = [(one.title, one.lead, one.text) for one in said if one is not None]
+        answers[name] = [one[:3] for one in said if one is not None]
     return answers
-
-
-def one_scenario(found: DataFrame, name: str) -> DataFrame:
-    """The rows of a scenario, and the columns that say something of it."""
-    return found[found.index.get_level_values("scenario") == name].dropna(axis=1, how="all")
 
 
 def accurate(found: DataFrame, tables: Tables, declared: Tables = MappingProxyType({})) -> Finding | None:
     """The method that reaches an error of 1e-6 on most scenarios (of 1e-3 where none gets to 1e-6) and, of those, is
     never far behind: the one whose largest ratio to the fastest method's time is the least."""
-    asked = [key for key in TARGETS if key in found]
-    if not asked:
+    if not (asked := [key for key in TARGETS if key in found]):
         return None
     title = "An accurate trajectory"
-    key = next((key for key in asked if reached(found, key).any()), None)
+    key = next((key for key in asked if (found[key] < math.inf).any()), None)
     if key is None:
         least = power(TIMES[TARGETS[-1]][1])
         return Finding(title, "none", f"no method reached an error of {least} on any scenario", "#lens=time 0.001")
     every = times_over_best(found, key)
     ratios = {name: there for name, of in every.items() if (there := [r for r in of if r < math.inf])}
     name, *tied = _surest(ratios)
-    count = int(found[key].groupby(level="scenario").any().sum())
-    times = found.loc[name, key]
+    count, times, worst = found[key].groupby(level="scenario").any().sum(), found.loc[name, key], max(ratios[name])
     where = f"in {seconds(float(times.min()))}" if count == 1 else f"on {len(ratios[name])} of {count} scenarios"
-    worst = max(ratios[name])
-    more = ["no other method ran"] if len(every) == 1 else []
-    if not more:
-        more = [f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"]
-    more += [f"as good within 5 %: {_some(tied)}"] if tied else []
-    for other, of in ratios.items():  # one that is made for some scenarios
-        if len(of) == len(every[other]) < len(ratios[name]) and 2 * len(of) >= count and max(of) * TIE < worst:
-            more.append(f"{called(other)} on all {len(of)} that it runs on: at most {rounded(max(of))} times")
-    more += _peers(tables["time_to_accuracy"], tables, key, name, declared)
-    return Finding(title, called(name), f"an error of {power(TIMES[key][1])} {where}", f"#lens={key}", tuple(more))
-
-
-def reached(found: DataFrame, key: str) -> Any:
-    """Where a number is known and finite."""
-    return found[key].notna() & found[key].ne(math.inf)
+    behind = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
+    more = ["no other method ran" if len(every) == 1 else behind]
+    more += [f"as good within 5 %: {some(map(called, tied))}"] if tied else []
+    more += _peers(tables, key, name, declared)
+    return Finding(title, called(name), f"an error of {power(TIMES[key][1])} {where}", f"#lens={key}", more)
 
 
 def _surest(found: Mapping[str, Sequence[float]], price: Any = MappingProxyType({})) -> list[str]:
@@ -109,43 +87,25 @@ def _surest(found: Mapping[str, Sequence[float]], price: Any = MappingProxyType(
     return [first, *(name for name in others if name != first)]
 
 
-def called(name: str) -> str:
-    """A name as part of a sentence: short, and without characters that turn the direction of what follows."""
-    plain = "".join(c for c in name if c not in TURNING)
-    return plain if len(plain) <= LONGEST else f"{plain[: LONGEST - 1]}…"
-
-
-def _peers(table: DataFrame, tables: Tables, key: str, name: str, declared: Tables) -> list[str]:
+def _peers(tables: Tables, key: str, name: str, declared: Tables) -> list[str]:
     """Which packages the method is compared with, which are not installed, and the best peer's time over its own."""
-    measure, target = TIMES[key]
+    (measure, target), table, work = TIMES[key], tables["time_to_accuracy"], tables.get("work_precision")
     mine = table[table["integrator"].eq(name) & table["measure"].eq(measure) & table["target"].eq(target)]
     ratios = [float(ratio) for ratio in mine["ratio_to_best_peer"] if is_finite(ratio)]
     if not ratios or name in set(mine["best_peer"]):
         return []
-    work = tables.get("work_precision")
-    pairs = () if work is None or "peer" not in work else zip(work["peer"].fillna(""), work["integrator"], strict=True)
-    packages = sorted({PEERS.get(peer, called(str(method))) for peer, method in pairs if peer})
+    peers = () if work is None or "peer" not in work else zip(work["peer"].fillna(""), work["integrator"], strict=True)
+    packages = sorted({PEERS.get(peer, called(method)) for peer, method in peers if peer})
     absent = ", ".join(map(str, declared.get("absent", {})))
-    beside = f"beside {_listed(packages)}" if packages else "beside the peers of this run"
+    beside = f"beside {listed(packages)}" if packages else "beside the peers of this run"
     gap = f" ({absent} not installed)" if absent else ""
     middle, of = rounded(median(ratios)), f", median of {len(ratios)} scenarios" if len(ratios) > 1 else ""
     return [f"{beside}{gap}, of which the fastest takes {middle} times as long{of}"]
 
 
-def percent(value: float) -> str:
-    """Two digits; what an error is within needs no more than 0.001 %."""
-    return f"{rounded(100 * max(value, 1e-5))} %"
-
-
-def rounded(value: float) -> str:
-    """Two digits, never as a power of ten."""
-    return f"{float(f'{value:.2g}'):g}" if value < 1e5 else f"{value:.0f}"
-
-
 def lawful(found: DataFrame) -> Finding | None:
     """The methods that ended every run with every law kept, and the largest step of these runs."""
-    shares = law_shares(found)
-    if not shares:
+    if not (shares := law_shares(found)):
         return None
     title, href, keep = "The laws at any step", "#lens=energy", lawful_ones(found)
     if not keep:
@@ -153,14 +113,17 @@ def lawful(found: DataFrame) -> Finding | None:
         good, runs = shares[name]
         most = f"kept every law in every run; {called(name)} in {good} of {runs}"
         return Finding(title, "no method", most if good else "ended a run with every law", href)
-    steps = [float(h) for h in found.groupby(level="integrator")["dt_most"].max()[keep] if is_finite(h)]
     named = [law.replace("_", " ") for law in laws(found)]
     if len(named) > 3:  # of several systems, each with its own names
         named = [*(name for name in named if name in ("energy", "entropy")), "every invariant"]
-    more = [_some(keep), f"in each of {sum(shares[name][1] for name in keep)} runs"]
-    more += [f"at every step tried, up to h = {min(steps):.2g}"] if steps else []
-    lead = f"{len(keep)} of {len(shares)} method{'s' if len(shares) > 1 else ''}"
-    return Finding(title, lead, f"kept {_listed(named)} in every run", href, tuple(more))
+    more = [some(map(called, keep)), f"in each of {sum(shares[name][1] for name in keep)} runs"]
+    steps = found.groupby(level="integrator")["dt_most"].max()[keep].dropna()
+    more += [f"at every step tried, up to h = {steps.min():.2g}"] if len(steps) else []
+    return Finding(title, _of_methods(keep, shares), f"kept {listed(named)} in every run", href, more)
+
+
+def _of_methods(some: Sequence[Any], of: Any) -> str:
+    return f"{len(some)} of {len(of)} method{'s' if len(of) > 1 else ''}"
 
 
 def law_shares(found: DataFrame) -> dict[str, tuple[int, int]]:
@@ -197,12 +160,12 @@ def coarse(found: DataFrame) -> Finding | None:
     more += [f"on {len(errors[name])} of {count} scenarios"] if count > 1 else []
     if "inner" in found and (most := found.loc[name, "inner"].max()) > TIE:
         more.append(f"steps that it cannot solve are divided, into {most:.2g} on average where that is most")
-    costs = {m: price[m] for m in errors if m in price and len(errors[m]) == len(errors[name])}
-    cheap = min(costs, key=lambda m: (costs[m], m), default=name)
+    cheap = min((m for m in errors if m in price and len(errors[m]) == len(errors[name])),
+                key=lambda m: (price[m], m), default=name)  # fmt: skip
     more += [f"{called(cheap)}, whose step is the cheapest of these: {', '.join(within(cheap))}"] * (cheap != name)
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
     title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
-    return Finding(title, called(name), text, "#lens=coarse", ("each law kept", *more))
+    return Finding(title, called(name), text, "#lens=coarse", ["each law kept", *more])
 
 
 def typical_cost(found: DataFrame) -> Any:
@@ -216,20 +179,19 @@ def cheapest(found: DataFrame) -> Finding | None:
     if "cost" not in found:
         return None
     times = found["cost"].dropna().groupby(level="integrator").size()
-    typical = typical_cost(found)[2 * times >= times.max()].to_dict()
-    if not typical:
+    typical = typical_cost(found)[2 * times >= times.max()].sort_values(kind="stable")
+    if not len(typical):
         return None
-    failed = {name: text for name in typical if (text := _where_it_fails(found.loc[name]))}
-    first = min(typical, key=lambda n: (typical[n], n))
-    name = min((n for n in typical if n not in failed), key=lambda n: (typical[n], n), default=first)
+    failed = {name: text for name in typical.index if (text := _where_it_fails(found.loc[name]))}
+    first, href = typical.index[0], "#lens=cost"
+    name = next((name for name in typical.index if name not in failed), first)
     text, of = f"{typical[name]:.2g} µs a step", times[name]
     more = [f"median of {of} scenarios"] if of > 1 else []
     if name in failed:
-        return Finding("The cheapest step", called(name), f"{text}; {failed[name]}", "#lens=cost",
-                       (*more, "no method never failed"))  # fmt: skip
-    if name != first:
-        more.append(f"{called(first)}, {typical[first]:.2g} µs, {failed[first]}")
-    return Finding("Cheapest, never failed", called(name), text, "#lens=cost", tuple(more))
+        more.append("no method never failed")
+        return Finding("The cheapest step", called(name), f"{text}; {failed[name]}", href, more)
+    more += [f"{called(first)}, {typical[first]:.2g} µs, {failed[first]}"] if name != first else []
+    return Finding("Cheapest, never failed", called(name), text, href, more)
 
 
 def _where_it_fails(mine: DataFrame) -> str:
@@ -245,31 +207,26 @@ def _where_it_fails(mine: DataFrame) -> str:
 def failing(found: DataFrame, tables: Tables) -> Finding | None:
     """How many runs of the ladders of steps and tolerances failed and how, on how many more the entropy fell, and the
     smallest step at which one failed, there or in the search for the largest stable step."""
+    import pandas as pd
+
     ladders, without = ladder_runs(tables), unmeasured(tables)
-    runs, counts = len(ladders), ladders["mark"].value_counts().to_dict()
-    fell, failed = counts.pop("S", 0), int(ladders["status"].ne("ok").sum())
-    title, href, more = "What fails", "#failures", []
-    if not runs:
-        return Finding(title, _without(without), without[0].sentence, href) if without else None
-    more += [f"the entropy fell in {fell} of those that reached their end"] if fell else []
-    if without and not failed:
-        return Finding(
-            title, _without(without), without[0].sentence, href, (f"all {runs} runs reached their end", *more)
-        )
-    more += [f"{_without(without)} besides"] if without else []
-    if not failed:
-        return Finding(title, "nothing", f"all {runs} runs reached their end", href, tuple(more))
-    bad = ladders[ladders["status"].ne("ok")]
-    known = [(bad["dt"], bad["integrator"], bad["scenario"])]
+    bad, counts = ladders[ladders["status"].ne("ok")], ladders["mark"].value_counts().to_dict()
+    title, href, ended = "What fails", "#failures", f"all {len(ladders)} runs reached their end"
+    fell = [f"the entropy fell in {n} of those that reached their end"] if (n := counts.pop("S", 0)) else []
+    if without and not len(bad):
+        return Finding(title, _without(without), without[0].sentence, href, [ended, *fell] if len(ladders) else [])
+    if not len(bad):
+        return Finding(title, "nothing", ended, href, fell) if len(ladders) else None
+    steps = bad.set_index(["integrator", "scenario"])["dt"].dropna()
     if "fails_from" in found:
-        known.append((found["fails_from"], *(found.index.get_level_values(of) for of in ("integrator", "scenario"))))
-    steps = [(h, str(m), str(s)) for of in known for h, m, s in zip(*of, strict=True) if is_finite(h)]
-    if least := min(steps, default=None):
-        where = f" on {called(least[2])}" if ladders["scenario"].nunique() > 1 else ""
-        more = [f"at the smallest step: {called(least[1])}{where}, from h = {least[0]:.2g}", *more]
-    else:
-        more = ["no run with a fixed step among them", *more]
-    return Finding(title, f"{failed} of {runs} runs", marks.told(counts), href, tuple(more))
+        steps = pd.concat([steps, found["fails_from"].dropna()])
+    least = "no run with a fixed step among them"
+    if len(steps):
+        method, scenario = min(steps[steps.eq(steps.min())].index)
+        where = f" on {called(scenario)}" if ladders["scenario"].nunique() > 1 else ""
+        least = f"at the smallest step: {called(method)}{where}, from h = {steps.min():.2g}"
+    more = [least, *fell, *([f"{_without(without)} besides"] if without else [])]
+    return Finding(title, f"{len(bad)} of {len(ladders)} runs", marks.told(counts), href, more)
 
 
 def _without(rows: Sequence[Unmeasured]) -> str:
@@ -282,29 +239,13 @@ def random_starts(tables: Tables) -> Finding | None:
     table = tables.get("failure_share")
     if table is None or not len(table):
         return None
-    rows = table[table["ensemble"] == table["ensemble"].iloc[0]]
-    sums = rows.groupby("integrator")[["runs", "failed"]].sum()
-    enough = sums[(sums["runs"] >= min(FEW_RUNS, sums["runs"].max())) | (sums["failed"] > 0)]
-    never = [str(name) for name in enough.sort_values("runs", ascending=False, kind="stable").index
-             if not enough.loc[name, "failed"]]  # fmt: skip
-    text = f"never failed in {sums.loc[never, 'runs'].sum()} runs" if never else "ended every run"
-    more = [_some(never, 2)] if never else []
-    if few := len(sums) - len(enough):
-        more.append(f"{few} with fewer than {min(FEW_RUNS, sums['runs'].max())} runs not counted")
-    if sums["failed"].any():
-        share = sums["failed"] / sums["runs"]
-        more.append(f"most often {called(str(share.idxmax()))}, in {100 * share.max():.2g} % of its runs")
-    lead = f"{len(never)} of {len(enough)} method{'s' if len(enough) > 1 else ''}" if never else "no method"
-    return Finding("From random starts", lead, text, "#overview=ensemble", tuple(more))
-
-
-def _listed(words: Iterable[str]) -> str:
-    """ "a, b and c"."""
-    *head, tail = list(words)
-    return f"{', '.join(head)} and {tail}" if head else tail
-
-
-def _some(names: Sequence[str], most: int = NAMED) -> str:
-    """The first names, and how many others."""
-    rest, names = len(names) - most, [called(name) for name in names]
-    return _listed(names) if rest <= 0 else f"{', '.join(names[:most])} and {rest} more"
+    sums = table[table["ensemble"] == table["ensemble"].iloc[0]].groupby("integrator")[["runs", "failed"]].sum()
+    most = min(FEW_RUNS, sums["runs"].max())
+    enough = sums[(sums["runs"] >= most) | (sums["failed"] > 0)].sort_values("runs", ascending=False, kind="stable")
+    never, share = enough.index[enough["failed"].eq(0)], sums["failed"] / sums["runs"]
+    text = f"never failed in {sums.loc[never, 'runs'].sum()} runs" if len(never) else "ended every run"
+    more = [some(map(called, never), 2)] if len(never) else []
+    more += [f"{few} with fewer than {most} runs not counted"] if (few := len(sums) - len(enough)) else []
+    more += [f"most often {called(share.idxmax())}, in {100 * share.max():.2g} % of its runs"] if share.any() else []
+    lead = _of_methods(never, enough) if len(never) else "no method"
+    return Finding("From random starts", lead, text, "#overview=ensemble", more)

@@ -15,7 +15,6 @@ from ..errors import TcbenchError, blamed
 from ..studies.base import known_tables
 from ..studies.columns import column
 from ..table import Table
-from .chart_kinds import brought, own_kinds, with_fallbacks
 from .charts import theme
 from .charts.render import leading, span
 from .charts.render import told as noted
@@ -29,20 +28,15 @@ DIGITS = 4
 NOWHERE = np.array([], dtype=int)  # rows of what is no column of the table
 
 
-def page_charts(tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]) -> Any:
-    """Chart -> its text, its first table, and its panels by scenario ("" for a chart of all).
-
-    problems : sentences on charts of plugins that cannot be drawn are appended.
-    """
-    return panels_of([*own_kinds().values(), *brought().values()], tables, declared, problems)
-
-
 def panels_of(
     charts: Iterable[Chart], tables: Mapping[str, Any], declared: Mapping[str, Any], problems: list[str]
 ) -> dict[str, Any]:
-    """As `page_charts`, of these; what is a picture alone is left out."""
+    """Chart -> its text, its first table, and its panels by scenario ("" for a chart of all); no pictures.
+
+    problems : sentences on charts of plugins that cannot be drawn are appended.
+    """
     found, schemas = {}, known_tables(declared)
-    known = {name: table.reset_index(drop=True) for name, table in with_fallbacks(tables).items()}
+    known = {name: table.reset_index(drop=True) for name, table in tables.items()}
     parts = cache(lambda name: {str(scenario): rows for scenario, rows in known[name].groupby("scenario")})
 
     def part(name: str, scenario: str | None) -> Any:

@@ -11,8 +11,9 @@ from ..errors import LOUD
 from ..runner.declared import FAMILIES as DECLARED
 from ..runner.declared import LAWS
 from ..studies.base import table_owners
-from .pairs import NUMBERS, PAIR, is_finite, is_kept, ladder_runs, law_columns, laws, seen_energy, settings, to_numbers
+from .pairs import NUMBERS, PAIR, is_kept, ladder_runs, law_columns, laws, losses, settings, to_numbers
 from .summary import is_claimed
+from .words import is_finite
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -29,30 +30,19 @@ def names(tables: Tables, column: str) -> list[str]:
     return sorted({str(v) for t in chosen if column in t for v in t[column].dropna().unique()})
 
 
-def refuted(tables: Tables) -> set[str]:
-    """The methods that lost energy or entropy on the completed steps of a run."""
-    table, found = tables.get("conservation"), set[str]()
-    if table is None:
-        return found
-    done = to_numbers(table, "steps") > 0 if "steps" in table else table["status"].eq("ok")
-    for law, column in law_columns(table).items():
-        if law in LAWS:
-            values = to_numbers(table, column)
-            if law == "energy" and "energy_round_off" in table:
-                values = seen_energy(values, to_numbers(table, "energy_round_off"))
-            found |= set(table.loc[done & values.notna() & ~is_kept(law, values), "integrator"].astype(str))
-    return found
-
-
 def families(tables: Tables, declared: Tables) -> dict[str, str]:
     """Method -> its family: declared, else whether work_precision says that it is another package's solver.
 
     One that is declared consistent and was measured not to be is of "other structure".
     """
-    lost = refuted(tables)
-    told, table, peers = declared.get("integrators", {}), tables.get("work_precision"), set()
-    if table is not None and "peer" in table:
-        peers = set(table.loc[table["peer"].fillna("").astype(str).ne(""), "integrator"].astype(str))
+    told, peers, lost = declared.get("integrators", {}), set[str](), set[str]()
+    if (work := tables.get("work_precision")) is not None and "peer" in work:
+        peers = {*work.loc[work["peer"].fillna("").ne(""), "integrator"].astype(str)}
+    if (table := tables.get("conservation")) is not None:  # what lost energy or entropy on its completed steps
+        done = to_numbers(table, "steps") > 0 if "steps" in table else table["status"].eq("ok")
+        for law in LAWS & law_columns(table).keys():
+            values = losses(table, law).where(done)
+            lost |= {*table.loc[values.notna() & ~is_kept(law, values), "integrator"].astype(str)}
     found = {
         name: told.get(name, {}).get("family") or (FAMILIES[3] if name in peers else UNKNOWN)
         for name in names(tables, "integrator")
@@ -173,12 +163,11 @@ def stopped(tables: Tables) -> dict[str, dict[str, str]]:
     """{method: {scenario: why}} of the ladders of work_precision that ended before every accuracy was reached."""
     from ..studies.work_precision import REACHED
 
-    found: dict[str, dict[str, str]] = {}
-    table = tables.get("work_precision")
+    table, found = tables.get("work_precision"), dict[str, dict[str, str]]()
     if table is not None and "left_out" in table:
-        for row in table[table["left_out"].notna()].to_dict("records"):
-            if str(row["left_out"]) and not str(row["left_out"]).endswith(REACHED):
-                found.setdefault(str(row["integrator"]), {})[str(row["scenario"])] = str(row["left_out"])
+        for method, scenario, why in table.loc[table["left_out"].notna(), [*PAIR, "left_out"]].astype(str).to_numpy():
+            if why and not why.endswith(REACHED):
+                found.setdefault(method, {})[scenario] = why
     return found
 
 
@@ -194,55 +183,52 @@ class Unmeasured(NamedTuple):
     runs: int = 1
 
     @property
+    def where(self) -> str:
+        return f"{self.integrator} on {self.scenario}"
+
+    @property
     def sentence(self) -> str:
         """What is missing, and why."""
-        return f"{self.study} of {self.integrator} on {self.scenario}: {self.why}"
+        return f"{self.study} of {self.where}: {self.why}"
 
 
 def unmeasured(tables: Tables) -> list[Unmeasured]:
     """The cells that ended as exception, crash or timeout, in studies whose tables have one row or few a cell, and in
     those of plugins."""
-    found: dict[tuple[str, str, str], Unmeasured] = {}
+    found = []
     brought = [name for name, table in tables.items() if name not in table_owners() and {*PAIR}.issubset(table)]
     for study in ("convergence", "equilibrium_summary", "stability", *brought):
         table = tables.get(study)
         if table is None or "status" not in table:
             continue
-        for row in table[table["status"].isin(LOUD)].to_dict("records"):
-            said = [row.get(name) for name in ("failure", "note")]
-            why = next((str(text) for text in said if isinstance(text, str) and text), str(row["status"]))
-            item = Unmeasured(study.removesuffix("_summary"), str(row["integrator"]), str(row["scenario"]), why)
-            if study in brought and item[:3] not in found:
-                rows = table.loc[(table[PAIR] == [row[name] for name in PAIR]).all(axis=1), "status"]
-                item = item._replace(failed=int(rows.isin(LOUD).sum()), runs=len(rows))
-            found.setdefault(item[:3], item)
-    return list(found.values())
+        said = table.reindex(columns=["failure", "note", "status"]).map(lambda v: (isinstance(v, str) and v) or None)
+        rows = table[PAIR].assign(why=said.bfill(axis=1)["failure"], loud=table["status"].isin(LOUD), runs=1)
+        for (method, scenario), of in rows[rows["loud"]].groupby(PAIR, sort=False):
+            mine = (rows[PAIR] == [method, scenario]).all(axis=1).sum()
+            counts = (len(of), int(mine)) if study in brought else ()
+            name = study.removesuffix("_summary")
+            found.append(Unmeasured(name, str(method), str(scenario), str(of["why"].iloc[0]), *counts))
+    return found
 
 
 def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
     """{method: {scenario: [failed, runs, sentence of the failed run at the smallest step or tolerance, {mark: runs}]}}
     of the ladders, with those on which only the entropy fell, and of what other studies could not measure."""
-    found: dict[str, dict[str, list[Any]]] = {}
     ladders = ladder_runs(tables)
-    for row in ladders.assign(at=settings(ladders)).to_dict("records"):
-        cell = found.setdefault(str(row["integrator"]), {}).setdefault(str(row["scenario"]), [0, 0, "", math.inf, {}])
-        cell[1] += 1
-        if row["mark"]:
-            cell[4][row["mark"]] = cell[4].get(row["mark"], 0) + 1
-        if row["status"] == "ok":
-            if row["mark"] and not cell[0] and not cell[2]:
-                cell[2] = f"{row['at']}: the entropy fell, in a run that reached its end"
-            continue
-        cell[2] = "" if not cell[0] else cell[2]
-        cell[0] += 1
-        size = next((float(row[name]) for name in ("dt", "tolerance") if is_finite(row[name])), math.inf)
-        if not cell[2] or size < cell[3]:
-            text = row["failure"]
-            said = text if isinstance(text, str) and text else str(row["status"])
-            cell[2], cell[3] = ": ".join(filter(None, (row["at"], said[:longest]))), size
+    runs, found = ladders.groupby(PAIR).size(), dict[str, dict[str, list[Any]]]()
+    size = ladders["dt"].fillna(ladders["tolerance"]).fillna(math.inf)
+    rows = ladders.assign(at=settings(ladders), bad=ladders["status"].ne("ok"), size=size)
+    rows = rows[rows["mark"].ne("")].sort_values(["bad", "size"], ascending=[False, True], kind="stable")
+    for pair, of in rows.groupby(PAIR):
+        method, scenario = pair
+        first, text = of.iloc[0], of["failure"].iloc[0]
+        text = text if isinstance(text, str) and text else str(first["status"])
+        said = text[:longest] if first["bad"] else "the entropy fell, in a run that reached its end"
+        cell = [int(of["bad"].sum()), int(runs[pair]), ": ".join(filter(None, (first["at"], said)))]
+        found.setdefault(str(method), {})[str(scenario)] = [*cell, of["mark"].value_counts().to_dict()]
     for item in unmeasured(tables):
-        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, 0, "", math.inf, {}])
+        here = int(runs.get((item.integrator, item.scenario), 0))
+        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, here, "", {}])
         cell[:3] = [cell[0] + item.failed, cell[1] + item.runs, cell[2] or item.sentence[:longest]]
-        cell[4]["x"] = cell[4].get("x", 0) + item.failed
-    ended = {m: {s: [*c[:3], c[4]] for s, c in cells.items() if c[0] or c[4]} for m, cells in found.items()}
-    return {method: of for method, of in ended.items() if of}
+        cell[3]["x"] = cell[3].get("x", 0) + item.failed
+    return found

@@ -9,6 +9,7 @@ from ..chart import Tables
 from ..studies.columns import ERROR_MAX, KEPT, claim_column, invariant_columns
 from ..systems.energy_scale import HIDDEN
 from .marks import MARKS, mark_of, mark_of_limit
+from .words import is_finite, power
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -82,20 +83,18 @@ def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list
     return {name: of.fillna(math.inf).tolist() for name, of in ratios.groupby(level="integrator")}
 
 
-def is_finite(value: Any) -> bool:
-    try:
-        return math.isfinite(float(value))
-    except (TypeError, ValueError):
-        return False
-
-
 def is_kept(law: str, value: Any) -> Any:
     """Whether a law is kept by this loss, or by each of a column of them."""
     return value <= (0 if law == "entropy" else KEPT)
 
 
-def seen_energy(values: Any, round_off: Any) -> Any:
-    """Losses of energy as far as they are seen: 0 within its round-off, NaN where that hides what moves."""
+def losses(table: DataFrame, law: str) -> Any:
+    """The losses of a law in rows of `conservation`; of energy as far as they are seen: 0 within its round-off, NaN
+    where that hides what moves."""
+    values = to_numbers(table, law_columns(table)[law])
+    if law != "energy" or "energy_round_off" not in table:
+        return values
+    round_off = to_numbers(table, "energy_round_off")
     return values.mask(values <= round_off, 0.0).mask(round_off > HIDDEN)
 
 
@@ -136,7 +135,8 @@ def ladder_runs(tables: Tables) -> DataFrame:
 def _ladders(tables: Tables) -> DataFrame | None:
     runs = ladder_runs(tables)
     counts = {f"mark_{mark}": runs["mark"].eq(mark) for mark in MARKS}
-    return runs[PAIR].assign(failed=_failed(runs), runs=1, **counts).groupby(PAIR).sum() if len(runs) else None
+    counts |= {"failed": runs["status"].ne("ok")}
+    return runs[PAIR].assign(runs=1, **counts).groupby(PAIR).sum() if len(runs) else None
 
 
 def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
@@ -144,14 +144,12 @@ def _of_ladder(table: DataFrame | None, declared: Tables) -> list[Any]:
     if table is None:
         return []
     table = table.reset_index(drop=True)
-    bad, steps, worst = _failed(table), to_numbers(table, "dt"), []
+    bad, steps, worst = table["status"].ne("ok"), to_numbers(table, "dt"), []
     done = to_numbers(table, "steps") > 0 if "steps" in table else bad | True
     rows = table[PAIR].assign(ladder_failed=bad, ladder_runs=1, done=done)
     whole, some = ~bad, bad & False
-    for law, column in law_columns(table).items():
-        values = to_numbers(table, column).where(done)
-        if law == "energy":
-            values = seen_energy(values, to_numbers(table, "energy_round_off"))
+    for law in law_columns(table):
+        values = losses(table, law).where(done)
         rows[f"kept_{law}"], rows[f"of_{law}"] = is_kept(law, values), values.notna()
         most = values[values.groupby([table[name] for name in PAIR]).transform("max").eq(values)].index
         worst.append(
@@ -171,34 +169,21 @@ def settings(rows: DataFrame) -> Any:
     return steps.map("h = {:.3g}".format).where(steps.notna(), other)
 
 
-def power(value: float) -> str:
-    """1e-6 without the zero that Python writes."""
-    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e+")
-
-
-def own_step(declared: Tables, name: str, rows: DataFrame) -> float | None:
-    """The scenario's own step: declared, else the middle one of its ladder in `conservation`."""
-    dt = declared.get("scenarios", {}).get(name, {}).get("dt")
-    if is_finite(dt):
-        return float(dt)
-    steps = sorted({float(h) for h in to_numbers(rows, "dt") if is_finite(h)})
-    return steps[len(steps) // 2] if steps else None
-
-
 def _at_own_step(table: DataFrame, declared: Tables) -> DataFrame:
-    """The rows of `conservation` at each scenario's own step; adaptive solvers have none."""
-    own = {name: own_step(declared, str(name), rows) for name, rows in table.groupby("scenario")}
-    return table[(to_numbers(table, "dt") / table["scenario"].map(own).astype(float) - 1).abs() < 1e-9]
-
-
-def _failed(rows: DataFrame) -> Any:
-    return rows["status"].ne("ok")
+    """The rows of `conservation` at each scenario's own step, declared or else the middle one of its ladder; adaptive
+    solvers have none."""
+    steps = to_numbers(table, "dt")
+    known = steps[steps.abs() < math.inf].groupby(table["scenario"]).unique()
+    own = {name: sorted(of)[len(of) // 2] for name, of in known.items()}
+    told = {name: facts.get("dt") for name, facts in declared.get("scenarios", {}).items()}
+    own |= {name: float(dt) for name, dt in told.items() if is_finite(dt)}
+    return table[(steps / table["scenario"].map(own).astype(float) - 1).abs() < 1e-9]
 
 
 def _one(rows: DataFrame, column: str, name: str) -> Series:
     """The last number of each pair; infinite where there is none, or the run failed."""
     values = _plain(rows, column)
-    values = values.where(~_failed(rows)) if "status" in rows else values
+    values = values.where(rows["status"].eq("ok")) if "status" in rows else values
     return _last(rows, **{name: values.fillna(math.inf)})[name]
 
 
@@ -265,7 +250,7 @@ def _cost(tables: Tables, declared: Tables) -> Series | None:
         rows = rows[rows["integrator"].isin(points.loc[points["control"].astype(str).eq("dt"), "integrator"])]
     elif ladder is not None:
         rows = _at_own_step(ladder, declared)
-        rows = rows[~_failed(rows)]
+        rows = rows[rows["status"].eq("ok")]
     else:
         return None
     return _last(rows, cost=_plain(rows, "us_per_step"))["cost"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 MAPS = ("map", "failure_map")  # tables that a command of their own makes, for it asks for their axes
 SUFFIXES = (".png", ".svg", ".pdf")
-LARGER, SMALLEST = (9.0, 8.0, 7.0, 6.0), 5.0  # points: the first in which a chart fits a size that was asked for
+FITTING = (9.0, 8.0, 7.0, 6.0, 5.0)  # points: the first in which a chart fits a size that was asked for
 
 
 def plot(kind: str, data: Source, output: str | Path, **options: Any) -> Path:
@@ -113,18 +112,20 @@ def draw(
     tables, declared = _tables(chosen, data, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
-    wanted = replace(wanted, looks=run_looks(tables), fore=leaders(tables, declared))
-    wanted = replace(wanted, families=families(tables, declared))
+    looks = {"looks": run_looks(tables), "fore": leaders(tables, declared), "families": families(tables, declared)}
     tables = only(tables, "integrator", list(wanted.labels))
     shown = chosen.select(tables, _scenario(chosen, tables, scenario))
     shown, options = _columns(chosen, shown, x, [y] if isinstance(y, str) else list(y or ()))
-    if size is not None and "font.size" not in wanted.settings:
-        for points in LARGER:
-            with suppress(layout.TooSmall), theme.using(theme.of_type(wanted, points)):
+    sizes: Sequence[float | None] = (None,) if size is None or "font.size" in wanted.settings else FITTING
+    for points in sizes:
+        settings = wanted.settings if points is None else {**wanted.settings, "font.size": points}
+        try:
+            with theme.using(replace(wanted, settings=settings, **looks)):
                 return draw_kind(chosen, shown, **options)
-        wanted = theme.of_type(wanted, SMALLEST)
-    with theme.using(wanted):
-        return draw_kind(chosen, shown, **options)
+        except layout.TooSmall:
+            if points == sizes[-1]:
+                raise
+    raise AssertionError("one size at least is tried")
 
 
 def _columns(
@@ -136,15 +137,14 @@ def _columns(
     able = (*kind.options, *(["y"] if kind.picks else []))
     for name, given in (("x", x), ("y", y)):
         if given and name not in able:
-            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: "
-                               f"{', '.join(able) or 'none'}.")  # fmt: skip
+            there = ", ".join(able) or "none"
+            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: {there}.")
     table = tables[kind.needs[0]]
     if kind.picks and y:
-        known = [str(value) for value in table[kind.picks].dropna().unique()]
-        for value in y:
-            if value not in known:
-                raise unknown_name(f"{kind.picks} of this run", value, known)
-        return tables | {kind.needs[0]: table[table[kind.picks].astype(str).isin(y)]}, {}
+        picked = table[kind.picks].astype(str)
+        for value in {*y}.difference(picked):
+            raise unknown_name(f"{kind.picks} of this run", value, picked.unique())
+        return tables | {kind.needs[0]: table[picked.isin(y)]}, {}
     for column in [*y, *([x] if x else [])]:
         if column not in table:
             raise unknown_name("column", str(column), [str(c) for c in table.columns])
@@ -166,9 +166,7 @@ def save(figure: Figure, path: Path) -> Path:
     """Write a figure: complete or not at all, and the same bytes for the same figure."""
     import matplotlib
 
-    fonts: Any = {name: theme.STYLE[name] for name in theme.STYLE if not name.startswith("figure")} | {
-        "pdf.fonttype": 42
-    }
+    fonts = {k: v for k, v in theme.STYLE.items() if not k.startswith("figure")} | {"pdf.fonttype": 42}
     metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower(), {})
     with writing(repr(str(path))), written(path) as temporary, matplotlib.rc_context(fonts):
         figure.savefig(temporary, dpi=160, metadata=metadata)
@@ -192,21 +190,20 @@ def _tables(kind: Chart, data: Source, dt: float | None) -> tuple[dict[str, Data
     from ..simulation.trajectory import Trajectory
 
     declared: dict[str, Any] = {}
-    if isinstance(data, DataFrame):
-        data = {kind.needs[0]: data}
     if isinstance(data, str | Path):
         store = Store.read(data)
         data, declared = read_tables(store), dict(store.declared())
-    if isinstance(data, Mapping):
-        tables = with_fallbacks(data)
+    if isinstance(data, DataFrame | Mapping):
+        tables = with_fallbacks({kind.needs[0]: data} if isinstance(data, DataFrame) else data)
     elif not _of_runs(kind):
         raise TcbenchError(f"The chart {kind.name!r} shows the tables of a run: give its folder, not trajectories.")
     else:
         runs: list[Any] = [data] if isinstance(data, Trajectory) or not several(data) else list(data)
-        if strange := [run for run in runs if not isinstance(run, Trajectory)]:
-            raise TcbenchError(
-                f"What is drawn is a run folder, tables, or what simulate returns, not {shown(strange[0])}."
-            )
+        for run in runs:
+            if not isinstance(run, Trajectory):
+                raise TcbenchError(
+                    f"What is drawn is a run folder, tables, or what simulate returns, not {shown(run)}."
+                )
         tables = dict.fromkeys((RUNS, OPENING), series.trajectories(runs))
     return (_at_step(tables, dt) if _of_runs(kind) else tables), declared
 
@@ -235,26 +232,20 @@ def _absent(kind: Chart, tables: dict[str, DataFrame]) -> str:
             f"The chart {kind.name!r} shows runs in time, and this folder keeps none: the study conservation does, at "
             "each scenario's own step. Run it, or pass results of tcbench.simulate instead."
         )
-    missing = [name for name in kind.needs if name not in tables or not len(tables[name])]
+    missing = next(name for name in kind.needs if name not in tables or not len(tables[name]))
+    made = "map INTEGRATOR SCENARIO" if missing in MAPS else f"run --study {kind.study}"
+    remedy = f" tcbench {made} makes it." if kind.study else ""
     there = ", ".join(tables) or "none"
-    made = "map INTEGRATOR SCENARIO" if missing[0] in MAPS else f"run --study {kind.study}"
-    return f"The chart {kind.name!r} needs the table {missing[0]!r}, which this run has not. Its tables: {there}." + (
-        f" tcbench {made} makes it." if kind.study else ""
-    )
+    return f"The chart {kind.name!r} needs the table {missing!r}, which this run has not. Its tables: {there}.{remedy}"
 
 
 def _scenario(kind: Chart, tables: dict[str, DataFrame], scenario: str | None) -> str | None:
     """The scenario to draw: the one asked for, or the only one there is."""
-    there = kind.scenarios(tables)
-    if there == [None]:
-        if scenario is not None:
-            for name in kind.needs:
-                tables[name] = of_scenario(tables[name], scenario)
-        return None
-    if scenario is None:
-        if len(there) == 1:
-            return there[0]
-        raise TcbenchError(f"Which scenario? This run has {', '.join(str(name) for name in there)}.")
-    if scenario not in there:
-        raise unknown_name("scenario of this run", scenario, [str(name) for name in there])
-    return scenario
+    there = [name for name in kind.scenarios(tables) if name is not None]
+    if not there and scenario is not None:  # a chart of all
+        tables |= {name: of_scenario(tables[name], scenario) for name in kind.needs}
+    elif there and scenario is None and len(there) > 1:
+        raise TcbenchError(f"Which scenario? This run has {', '.join(there)}.")
+    elif there and scenario not in (None, *there):
+        raise unknown_name("scenario of this run", str(scenario), there)
+    return (scenario or there[0]) if there else None

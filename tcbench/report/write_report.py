@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +17,15 @@ from ..studies.base import known_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from ..table import Table
+from .asv_history import history
 from .by_method import paper
+from .chart_kinds import kinds
 from .charts.scales import power_text
 from .highlight import leaders
 from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
 from .marks import MARKS
 from .overview import findings, lawful_ones, scenario_answers
-from .page_charts import page_charts
+from .page_charts import panels_of
 from .page_data import FAMILIES, failures, law_dots, lenses, methods, names, stopped, telling
 from .pairs import LOOSE, pairs
 from .plot import run_looks
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCRIPTS = ("base", "chart", "panels", "overview", "player", "scenarios", "methods", "tables", "main")  # in their order
-HISTORY = "history"
 POWER = re.compile(r"(?<![\d.])1e-\d+")
 TOGETHER = re.compile(r"(?<=\d) (?=(?:%|µs|ms|s)(?!\w))|(?<=\b[ht]) (?==)|(?<=\b[ht] =) ")
 
@@ -78,13 +78,11 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
     texts = "\n".join(script_text(f"{name}.js") for name in SCRIPTS)
     script = f'"use strict";\n(async () => {{\n{texts}\n}})();'
     manifest, declared = store.manifest(), store.declared()
-    history = _history(store.folder)
-    if history is not None:
-        tables = tables | {HISTORY: history}
+    tables |= history(store.folder)
     found = pairs(tables, declared)
     rows = methods(found, tables, declared)
     scenarios = names(tables, "scenario")
-    charts = page_charts(tables, declared, store.problems)
+    charts = panels_of(kinds().values(), tables, declared, store.problems)
     known = {name: Table(name) for name in tables} | known_tables(declared)
     columns = {name: [column(str(c), known[name]) for c in table.columns] for name, table in tables.items()}
     data = {
@@ -106,7 +104,7 @@ def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
         "when": str(manifest.get("ended", "")),
         "counts": (len(rows), len(scenarios)),
         "findings": [
-            asdict(finding) | {"text": _unbroken(finding.text)} for finding in findings(found, tables, declared)
+            finding._asdict() | {"text": _unbroken(finding.text)} for finding in findings(found, tables, declared)
         ],
         "methods": rows,
         "families": FAMILIES,
@@ -169,29 +167,14 @@ def _references(tables: Mapping[str, DataFrame]) -> list[tuple[str, str]]:
     ]
 
 
-def _history(folder: Path) -> DataFrame | None:
-    """What asv recorded over commits, where there is such a record."""
-    from .asv_history import find_history, read_history
-
-    place = find_history(folder)
-    table = None if place is None else read_history(place)
-    return None if table is None or not len(table) else table.assign(date=table["date"].dt.strftime("%Y-%m-%d"))
-
-
 def _facts(data: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Nested data as (name, value) lines; a command is shown without the folder of its program."""
     lines: list[tuple[str, str]] = []
     for key, value in data.items():
-        name = f"{prefix}{key}"
-        if key == "command" and isinstance(value, list) and value:
-            words = [str(value[0]).replace("\\", "/").rpartition("/")[2], *map(str, value[1:])]
-            lines.append((name, " ".join(words)))
-        elif value is None or value is False or value == "":
-            continue  # no commit, not interrupted
-        elif isinstance(value, Mapping):
-            lines += _facts(value, f"{name}.")
-        elif isinstance(value, list):
-            lines.append((name, ", ".join(map(str, value))))
-        else:
-            lines.append((name, str(value)))
+        if isinstance(value, Mapping):
+            lines += _facts(value, f"{prefix}{key}.")
+        elif value not in (None, False, "") and not (value == [] and key == "command"):  # no commit, not interrupted
+            first, *rest = map(str, value) if isinstance(value, list) and value else [str(value)]
+            first = first.replace("\\", "/").rpartition("/")[2] if key == "command" and rest else first
+            lines.append((f"{prefix}{key}", (" " if key == "command" else ", ").join([first, *rest])))
     return lines

@@ -23,10 +23,6 @@ def table():
     return awkward.everything(NAMES, ["short_term"])["conservation"]
 
 
-def drawn(ax):
-    return [line.get_label() for line in ax.get_lines() if not line.get_label().startswith("_")]
-
-
 @pytest.mark.parametrize("methods", [NAMES, awkward.FORTY[:13]])
 def test_methods_of_one_chart_have_looks_of_their_own(methods):
     table = awkward.conservation(methods, ["short_term"])
@@ -35,14 +31,6 @@ def test_methods_of_one_chart_have_looks_of_their_own(methods):
     assert len({h.get_marker() for h in handles}) == len(methods)
     assert len({(h.get_color(), h.get_linestyle()) for h in handles}) == len(methods)
     assert style.looks(methods)["tc_monolithic"] == style.look("tc_monolithic") == style.KNOWN["tc_monolithic"]
-
-
-def test_variants_have_the_colour_of_their_base_and_many_methods_differ():
-    found = style.looks(["tc_gauss", "tc_gauss[k=2]", "midpoint_entropy", "midpoint_entropy[reading=rate]"])
-    assert found["tc_gauss"].colour == found["tc_gauss[k=2]"].colour
-    assert found["midpoint_entropy[reading=rate]"].colour == style.KNOWN["midpoint_entropy"].colour
-    assert len({(one.colour, one.dash) for one in found.values()}) == len({one.marker for one in found.values()}) == 4
-    assert len({(one.colour, str(one.dash)) for one in style.looks(awkward.FORTY).values()}) == 35
 
 
 def test_a_chart_is_drawn_into_an_axes_with_names_and_order_of_ones_own(table):
@@ -100,17 +88,6 @@ def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
         assert drawn[1] == pytest.approx([2 * value for value in drawn[0]])
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", KINDS_OF_TEST)
-@pytest.mark.parametrize(("size", "points"), [((10, 9), 9), ((7, 6), 6)])
-def test_nothing_stands_outside_a_picture_of_any_size(kind, size, points):
-    figure = tcbench.draw(kind, TABLES, size=size, font_size=points)
-    figure.canvas.draw()
-    box = figure.get_tightbbox()
-    assert tuple(figure.get_size_inches()) == size
-    assert min(box.x0, box.y0, size[0] - box.x1, size[1] - box.y1) >= -0.03
-
-
 @pytest.mark.parametrize("kind", KINDS_OF_TEST)
 def test_every_kind_of_chart_fits_the_column_of_a_journal(kind):
     figure = tcbench.draw(kind, TABLES, size="8.5x6cm")
@@ -119,18 +96,6 @@ def test_every_kind_of_chart_fits_the_column_of_a_journal(kind):
     assert (width, height) == pytest.approx((8.5 / 2.54, 6 / 2.54))
     assert min(box.x0, box.y0, width - box.x1, height - box.y1) >= -0.05
     assert min(text.get_fontsize() for ax in figure.axes for text in [ax.xaxis.label, ax.yaxis.label]) >= 4
-
-
-@pytest.mark.parametrize("size", ["3.3x6", "7x2.6", "18x12cm"])
-def test_in_a_small_picture_nothing_lies_upon_the_panels_or_outside(table, size):
-    figure = tcbench.draw("conservation", table, size=size, font_size=6)
-    figure.canvas.draw()
-    whole, legend = figure.bbox, figure.legends[0].get_window_extent()
-    for ax in figure.axes:
-        box = ax.get_tightbbox()
-        assert box.x0 >= -2 and box.y0 >= -2 and box.x1 <= whole.x1 + 2 and box.y1 <= whole.y1 + 2
-        assert not box.overlaps(legend)
-    assert legend.x1 <= whole.x1 + 2 and legend.y0 >= 0
 
 
 def test_the_users_own_settings_of_matplotlib_count(table):
@@ -158,18 +123,6 @@ def test_panels_are_chosen_with_y(table):
     assert (
         tcbench.draw("law-quantiles", TABLES, own, y="energy") is own.figure and own.get_title(loc="left") == "energy"
     )
-
-
-def test_a_notebook_shows_a_figure(table):
-    assert tcbench.draw("conservation", table)._repr_png_()[:4] == b"\x89PNG"
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [("a=A,b", {"a": "A", "b": "b"}), ("g[k=2,x=1]=G,h[k=3]", {"g[k=2,x=1]": "G", "h[k=3]": "h[k=3]"})],
-)
-def test_methods_are_written_with_their_labels(text, found):
-    assert theme.parse_methods(text) == found and list(theme.parse_methods(text)) == list(found)
 
 
 def test_a_picture_for_a_paper_from_the_command_line(tmp_path, monkeypatch):
@@ -204,12 +157,3 @@ def test_titles_of_narrow_panels_are_broken_into_lines_and_not_cut():
     for k, box in enumerate(boxes):
         assert box.x1 <= figure.bbox.x1 and not any(box.overlaps(other) for other in boxes[k + 1 :])
         assert not any(box.overlaps(ax.get_window_extent()) for ax in figure.axes)
-
-
-def test_a_legend_takes_the_width_that_there_is(table):
-    few = table[table["integrator"].isin(NAMES[:5])]
-    figure = tcbench.draw("conservation", few, size=(6.7, 3.0), font_size=8)
-    figure.canvas.draw()
-    (legend,) = figure.legends
-    places = {round(text.get_window_extent().y0) for text in legend.get_texts()}
-    assert legend.get_window_extent().x1 <= figure.bbox.x1 and len(places) == 1

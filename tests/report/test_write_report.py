@@ -13,10 +13,7 @@ import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
 from tcbench.report.asv_history import read_history
-from tcbench.report.html import packed_table
-from tcbench.report.page_data import names
 from tcbench.studies.base import known_tables
-from tcbench.table import Table
 
 LARGEST = 4_000_000
 
@@ -127,15 +124,6 @@ def test_the_sentences_stand_in_the_page_itself_and_lead_to_their_evidence(full)
     assert "kept energy, entropy and angular momentum" in words and "at the smallest step" in words
 
 
-def test_a_study_that_the_run_has_not_is_not_mentioned(tmp_path):
-    _, text = make(tmp_path / "run", {"conservation": awkward.conservation(awkward.FIVE)})
-    page = Page(text)
-    assert list(page.data["tables"]) == ["conservation"] and 'href="#claims"' not in text
-    assert all(m["order"] is None and m["step"] is None for m in page.data["methods"])
-    assert [lens["key"] for lens in page.data["lenses"]] == ["energy", "cost"]
-    assert "An accurate trajectory" not in text
-
-
 def test_hostile_names_and_messages_are_text(hostile):
     path, text = hostile
     assert path.stat().st_size < LARGEST
@@ -145,21 +133,6 @@ def test_hostile_names_and_messages_are_text(hostile):
     assert len(plain) == 1  # the page's own
     assert awkward.HOSTILE in page.table("conservation")["integrator"].tolist()
     assert max(map(len, page.table("conservation")["failure"].dropna())) >= 9_990
-
-
-def test_the_page_says_what_the_columns_of_plugins_are(tmp_path):
-    table = awkward.conservation(awkward.FIVE).assign(hottest=380.0)
-    told = awkward.declared(awkward.FIVE) | {"metrics": {"hottest": {"unit": "K", "description": "the highest one"}}}
-    page = Page(make(tmp_path / "run", {"conservation": table}, (), told)[1])
-    assert page.data["labels"]["hottest"] == "hottest, K" and "the highest one" in page.text
-
-
-def test_absent_peers_are_named_with_what_installs_them(tmp_path):
-    told = awkward.declared(awkward.FIVE) | {"absent": {"heyoka": "it needs packages: pip install heyoka"}}
-    words = "".join(
-        Page(make(tmp_path / "run", {"conservation": awkward.conservation(awkward.FIVE)}, (), told)[1]).text
-    )
-    assert "Not installed: heyoka." in words and "pip install heyoka" in words
 
 
 def test_a_real_run_is_reported_without_simulation(tmp_path, monkeypatch):
@@ -215,17 +188,14 @@ def test_the_history_of_asv_is_shown_where_there_is_one(tmp_path):
     assert history["value"].tolist() == [3.0, 3.0, 1.5, 2.5] and set(history["benchmark"]) == {"step.size", "step.time"}
 
 
-def test_what_only_a_ledger_names_has_no_place_in_the_matrix():
-    rows = [{"integrator": "theirs", "scenario": "elsewhere", "claim": "x", "status": "ok"}]
-    measured = pd.DataFrame({"integrator": ["tc_monolithic"], "scenario": ["short_term"], "status": ["ok"]})
-    ledger = pd.DataFrame(rows)
-    both, alone = {"conservation": measured, "literature": ledger}, {"literature": ledger}
-    assert (names(both, "scenario"), names(both, "integrator")) == (["short_term"], ["tc_monolithic"])
-    assert names(alone, "scenario") == ["elsewhere"]
-
-
-def test_a_table_of_the_page_has_the_tolerance_beside_the_step():
-    """Rows of adaptive solvers had a blank step, and what tells them apart twenty columns to the right."""
-    table = pd.DataFrame([{"dt": 0.1, "status": "ok", "tolerance": 1e-3}])
-    packed = json.loads(gzip.decompress(base64.b64decode(packed_table(table, Table("mine", digits=4)))))
-    assert [*packed] == ["dt", "tolerance", "status"]
+def test_the_page_names_what_is_absent_and_what_the_columns_of_plugins_are(tmp_path):
+    table = awkward.conservation(awkward.FIVE).assign(hottest=380.0, tolerance=1e-3)
+    told = awkward.declared(awkward.FIVE) | {"metrics": {"hottest": {"unit": "K", "description": "the highest one"}}}
+    told |= {"absent": {"heyoka": "it needs packages: pip install heyoka"}}
+    page = Page(make(tmp_path / "run", {"conservation": table}, (), told)[1])
+    words = "".join(page.text)
+    assert page.data["labels"]["hottest"] == "hottest, K" and "the highest one" in page.text
+    assert "Not installed: heyoka." in words and "pip install heyoka" in words
+    assert [*page.table("conservation")][2:4] == ["dt", "tolerance"]  # not twenty columns to the right
+    assert list(page.data["tables"]) == ["conservation"]  # studies that the run has not are not mentioned
+    assert [lens["key"] for lens in page.data["lenses"]] == ["energy", "cost"] and "An accurate" not in words

@@ -11,13 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...chart import Chart, Panel, Row, Series, Sheet
-from ..highlight import front
-from ..pairs import power
-from .layout import line_labels, note, panels, pt, settle, titles
-from .render import chart, chart_of_rows
-from .scales import ROUND_OFF, log_axis, round_off_band
-from .style import GREY, by_name, finite, look, names
-from .theme import INK, current
+from ..words import power
+from .layout import note, panels, pt, titles
+from .render import chart, chart_of_rows, leading
+from .scales import ROUND_OFF
+from .style import GREY, by_name, finite, names
+from .theme import INK
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -49,20 +48,18 @@ def failure_share(table: DataFrame) -> Sheet:
 def _ranked(part: DataFrame) -> dict[str, float]:
     """The methods with a share above 0, and minus its mean: the largest first."""
     share = finite(part["share"])
-    mean = {n: float(share[rows].mean()) for n, rows in by_name(part).items()}
+    mean = {name: float(share[rows].mean()) for name, rows in by_name(part).items()}
     return {n: -mean[n] for n in sorted(mean, key=lambda n: -mean[n]) if mean[n] > 0}
 
 
 def _shares(part: DataFrame, control: str) -> Panel:
     failing, methods = _ranked(part), by_name(part)
     series = [_banded(part, name, methods[name], control) for name in reversed(failing)]
-    never = [n for n in methods if n not in failing]
-    if never:
-        rows = part[part["integrator"].isin(never)]
-        x = np.unique(finite(rows[control]))
-        high = [float(finite(rows.loc[finite(rows[control]) == value, "high"]).max()) for value in x]
+    if never := [n for n in methods if n not in failing]:
+        high = part[part["integrator"].isin(never)].groupby(control)["high"].max()
         text = never[0] if len(never) == 1 else f"no run failed: {len(never)} methods"
-        series.append(Series(text, x, np.zeros(len(x)), np.zeros(len(x)), high, marks="", plain=True))
+        x, zero = high.index.to_numpy(), np.zeros(len(high))
+        series.append(Series(text, x, zero, zero, high.to_numpy(), marks="", plain=True))
     y = "share of runs that failed"
     return Panel(series, CONTROLS[control], y, y_scale="share", rank=failing, x_values=part[control])
 
@@ -84,19 +81,17 @@ def performance_profiles(table: DataFrame) -> Sheet:
     table : rows of `performance_profile` of one ensemble. At tau = 1: how often a method is the first. In colour are
     those that solve most, over all tau.
     """
-    table = first(table)
-    targets = dict.fromkeys(zip(table["measure"].astype(str), table["target"].astype(float), strict=True))
-    shown = [_profile(table[(table["measure"] == m) & (table["target"] == t)], m, t) for m, t in targets]
-    return Sheet(shown, 2, (5.4, 3.1), named=True)
+    targets = first(table).groupby(["measure", "target"], sort=False)
+    return Sheet([_profile(part, *of) for of, part in targets], 2, (5.4, 3.1), named=True)
 
 
-def _profile(part: DataFrame, measure: str, target: float) -> Panel:
+def _profile(part: DataFrame, measure: Any, target: Any) -> Panel:
     runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
     missing = f", {left_out} without reference" if left_out else ""
-    known, leading, methods = np.isfinite(finite(part["share"])).any(), _ranked(part), by_name(part)
+    known, solving, methods = np.isfinite(finite(part["share"])).any(), _ranked(part), by_name(part)
     return Panel(
-        [_banded(part, name, methods[name], "tau", "", ends=False) for name in reversed(leading)],
-        "time over the fastest method's, τ", "share of scenarios", y_scale="share", rank=leading, stepped=True,
+        [_banded(part, name, methods[name], "tau", "", ends=False) for name in reversed(solving)],
+        "time over the fastest method's, τ", "share of scenarios", y_scale="share", rank=solving, stepped=True,
         x_values=part["tau"],
         title=f"{measure} to {power(target)}: {runs} scenarios{missing}",
         note="" if known else "no scenario has a reference that is good enough",
@@ -104,58 +99,40 @@ def _profile(part: DataFrame, measure: str, target: float) -> Panel:
 
 
 @chart_of_rows
-def error_time(points: DataFrame) -> Figure:
+def error_time(points: DataFrame) -> Sheet:
     """Error of the state against time: every run a dot, and the medians of each setting joined, from coarse to fine.
 
     points : rows of `ensemble_points` of one ensemble. In colour are the methods with the least median time at some
     accuracy; the other runs are grey.
     """
-    points = first(points)
-    figure, (ax,) = panels(1, 1, (7.0, 4.6))
-    error, seconds = finite(points["error"]), finite(points["time_s"])
-    good = np.isfinite(error) & (error > 0) & np.isfinite(seconds) & (seconds > 0)
-    ax.set_xlabel("time of a run, s (lines: medians of each setting)")
-    ax.set_ylabel("error of the state at the end")
-    if not good.any():
-        note(ax, "no run has a reference to be compared with")
-        return figure
-    log_axis(ax, "x", seconds[good])
-    log_axis(ax, "y", np.clip(error[good], ROUND_OFF, 1e3))
-    round_off_band(ax)
-    known = points[good]
-    chosen = _leaders(known)
-    method = known["integrator"].astype(str).to_numpy()
-    others = ~np.isin(method, chosen)
-    dot: dict[str, Any] = {"marker": ".", "linestyle": "none", "rasterized": True}
-    ax.plot(seconds[good][others], error[good][others], color=GREY, markersize=pt(2), alpha=0.25, **dot)
-    ends = []
-    for name in chosen:
-        style, mine = look(name), known[method == name]
-        colour = style.colour
-        ax.plot(mine["time_s"], mine["error"], color=colour, markersize=pt(2.5), alpha=0.3, **dot)
-        groups = mine.groupby("value")
-        middle = groups[["time_s", "error"]].median().sort_index(ascending=False)
-        many = groups.size() >= 0.7 * groups.size().max()  # those that every scenario had time for
-        middle = middle[many.reindex(middle.index)]
-        ax.plot(middle["time_s"], middle["error"], color=colour, marker=style.marker, markersize=pt(5),
-                markeredgecolor=ax.get_facecolor(), markeredgewidth=pt(0.5))  # fmt: skip
-        last = middle.iloc[-1]
-        ends.append((float(last["time_s"]), float(last["error"]), name, colour))
-    settle(figure)
-    line_labels(ax, ends)
-    return figure
+    points = first(points).assign(**{column: finite(first(points)[column]) for column in ("error", "time_s")})
+    points = points[(points["error"] > 0) & (points["time_s"] > 0)]
+    points["error"] = points["error"].clip(ROUND_OFF, 1e3)
+    methods, rank = by_name(points), _places(points)
+    panel = Panel(
+        [Series(name, *points[["time_s", "error"]].to_numpy()[rows].T, line=False) for name, rows in methods.items()],
+        "time of a run, s (lines: medians of each setting)", "error of the state at the end", errors=True, rank=rank,
+        note="" if len(points) else "no run has a reference to be compared with",
+    )  # fmt: skip
+    medians = [Series(name, *_medians(points.iloc[methods[name]])) for name in leading(panel)]
+    return Sheet([Panel(**{**vars(panel), "series": [*panel.series, *medians]})], 1, (7.0, 4.6), named=True)
 
 
-def _leaders(points: DataFrame) -> list[str]:
-    """Who is in colour: by the place among the fastest at errors around 1e-3, 1e-6 or 1e-9, by median."""
-    rank = dict.fromkeys(names(points), math.inf)
-    error = np.log10(np.clip(finite(points["error"]), ROUND_OFF, None))
+def _medians(mine: DataFrame) -> tuple[Any, Any]:
+    """Median times and errors from the coarsest setting, of those that most scenarios had time for."""
+    groups = mine.groupby("value")
+    middle, size = groups[["time_s", "error"]].median(), groups.size()
+    middle = middle[size >= 0.7 * size.max()].iloc[::-1]
+    return middle["time_s"].to_numpy(), middle["error"].to_numpy()
+
+
+def _places(points: DataFrame) -> dict[str, float]:
+    """The best place of a method among the fastest at errors around 1e-3, 1e-6 or 1e-9, by median; the first first."""
+    rank, error = dict.fromkeys(names(points), math.inf), np.log10(points["error"])
     for centre in (-3, -6, -9):
-        near = points[np.abs(error - centre) < 1.5]
-        times = near.groupby("integrator")["time_s"].median().sort_values()
+        times = points[(error - centre).abs() < 1.5].groupby("integrator")["time_s"].median().sort_values()
         rank |= {str(name): min(place, rank[str(name)]) for place, name in enumerate(times.index)}
-    known = current().families
-    return sorted(front({name: known.get(name, "") for name in rank}, rank), key=lambda name: (rank[name], name))
+    return dict(sorted(rank.items(), key=lambda item: item[1]))
 
 
 @chart_of_rows
@@ -167,10 +144,10 @@ def law_quantiles(table: DataFrame) -> Sheet:
     table = first(table)
     values, shown = np.maximum(finite(table["worst"]), ROUND_OFF), []
     keys = {"o": "median; hollow: not claimed", ".": "99 % and worst"}
-    for law in dict.fromkeys(table["law"].astype(str)):
-        of = table[table["law"].eq(law)].drop_duplicates("integrator").set_index("integrator")
+    for law, part in table.groupby(table["law"].astype(str), sort=False):
+        of = part.drop_duplicates("integrator").set_index("integrator")
         rows = [_quantiles(of.loc[name], name) if name in of.index else Row(name, {}) for name in names(table)]
-        shown.append(Panel((), "loss: median, 99 %, worst", "", title=law.replace("_", " "), errors=True,
+        shown.append(Panel((), "loss: median, 99 %, worst", "", title=str(law).replace("_", " "), errors=True,
                            x_values=values, rows=rows, keys=keys))  # fmt: skip
     return Sheet(shown, 3, (3.6, 1.5))
 
@@ -197,28 +174,23 @@ def where_it_fails(table: DataFrame) -> Figure:
 
 
 def _map_panel(ax: Axes, rows: DataFrame) -> None:
-    columns, heights = np.unique(finite(rows["x_low"])), np.unique(finite(rows["y_low"]))
-    share = np.full((len(heights), len(columns)), np.nan)
-    i, j = np.searchsorted(heights, finite(rows["y_low"])), np.searchsorted(columns, finite(rows["x_low"]))
-    share[i, j] = finite(rows["share"])
+    rows = rows.dropna(subset=["x_low", "y_low"])
+    if not len(rows):
+        note(ax, "nothing was run here")
+        return
+    share = rows.pivot_table("share", "y_low", "x_low", dropna=False)
     colours = matplotlib.colormaps["Oranges"].with_extremes(under="white", bad=GREY)
     ax.imshow(share, origin="lower", aspect="auto", cmap=colours, vmin=1e-9, vmax=1)
     for (row, column), value in np.ndenumerate(share):
         if np.isfinite(value):
             ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", fontsize=pt(6.5),
                     color="white" if value > 0.6 else INK)  # fmt: skip
-    for axis, which, values in ((ax.xaxis, "x", columns), (ax.yaxis, "y", heights)):
-        top = rows.set_index(f"{which}_low")[f"{which}_high"]
-        axis.set_ticks(
-            range(len(values)), [_cell_text(v, float(top.loc[[v]].iloc[0])) for v in values], fontsize=pt(6.5)
-        )
+    for axis, which, values in ((ax.xaxis, "x", share.columns), (ax.yaxis, "y", share.index)):
+        top = rows.groupby(f"{which}_low")[f"{which}_high"].first()
+        ends = [f"{low:.3g}" if low == top[low] else f"{low:.3g}–{top[low]:.3g}" for low in values]
+        axis.set_ticks(range(len(values)), ends, fontsize=pt(6.5))
+        axis.set_label_text(str(rows[f"{which}_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
     ax.grid(False)
-    ax.set_xlabel(str(rows["x_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
-    ax.set_ylabel(str(rows["y_name"].iloc[0]).replace("dt", CONTROLS["dt"]))
-
-
-def _cell_text(low: float, high: float) -> str:
-    return f"{low:.3g}" if low == high else f"{low:.3g}–{high:.3g}"
 
 
 CHARTS = (

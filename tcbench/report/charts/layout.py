@@ -22,6 +22,7 @@ from .theme import current, scale
 LETTER = 0.064  # inches of a letter of a title or a legend, at type of 9 points
 LEAST = (0.85, 0.5)  # inches of a panel that can still be read, at type of 9 points
 ROWS = 4  # of a legend above the panels; a longer one stands beside them
+NAME = 7.5  # points of a name at a line
 
 
 class TooSmall(TcbenchError):
@@ -49,20 +50,16 @@ def panels(count: int, most: int = 2, size: tuple[float, float] = (4.2, 2.9)) ->
             )
         return chosen.axes.figure, [chosen.axes]
     wide = min(most, count)
-    if chosen.size:
-        wide = _columns(count, chosen.size[0] / chosen.size[1] * size[1] / size[0])
+    if chosen.size:  # what leaves the panels nearest to their own shape, and few places empty
+        shape = chosen.size[0] / chosen.size[1] * size[1] / size[0]
+        rows_of = {n: -(-count // n) for n in range(1, count + 1)}
+        wide = min(rows_of, key=lambda n: abs(math.log(shape * rows_of[n] / n)) + math.log(n * rows_of[n] / count))
     rows = -(-count // wide)
     figure = Panels(figsize=chosen.size or (wide * size[0] * k, rows * size[1] * k), layout="constrained")
     axes = figure.subplots(rows, wide, squeeze=False).ravel().tolist()
     for ax in axes[count:]:
         ax.remove()
     return figure, axes[:count]
-
-
-def _columns(count: int, shape: float) -> int:
-    """How many columns leave the panels nearest to their own shape, and few places empty."""
-    rows = {n: -(-count // n) for n in range(1, count + 1)}
-    return min(rows, key=lambda n: abs(math.log(shape * rows[n] / n)) + math.log(n * rows[n] / count))
 
 
 def columns(ax: Axes) -> int:
@@ -93,10 +90,8 @@ def pt(size: float) -> float:
     return size * scale()
 
 
-# -- legends and labels
-
-
 def handle(name: str, **changes: Any) -> Line2D:
+    """The entry of a method in a legend."""
     style = look(name)
     settings: dict[str, Any] = {"color": style.colour, "marker": style.marker, "linestyle": style.dash}
     return Line2D([], [], label=short(name), **(settings | changes))
@@ -130,45 +125,36 @@ def legend(figure: Figure, methods: Sequence[str], extra: Iterable[Any] = ()) ->
     figure.legend(handles=handles, ncols=columns, borderaxespad=0.3, **settings)
 
 
-def end_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Name lines in the margin right of them, (x, y, text, colour), pushed apart where they would overlap."""
-    found = [(ax.transData.transform((x, y)), text, colour) for x, y, text, colour in ends]
-    found = sorted((p for p in found if np.all(np.isfinite(p[0]))), key=lambda p: p[0][1])
-    to_axes = ax.transAxes.inverted()
-    heights = [float(to_axes.transform(p[0])[1]) for p in found]
-    gap = 1.3 * _pixels(ax, 7.5) / ax.get_window_extent().height
-    for (_, text, colour), y in zip(found, spread(heights, gap, low=0.02, high=0.98), strict=True):
-        ax.annotate(
-            short(text), (1.015, y), xycoords="axes fraction", color=colour, fontsize=pt(7.5), va="center",
-            ha="left", annotation_clip=False,
-        )  # fmt: skip
+def name_lines(ax: Axes, ends: Sequence[Any], beside: bool = False) -> None:
+    """Texts at the ends of lines, (x, y, text, colour), pushed apart where they would overlap.
 
-
-def line_labels(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> None:
-    """Texts at the very ends of their lines, (x, y, text, colour), moved up where they overlap or leave the axes."""
-    foot = ax.get_window_extent().y0
-    tall, wide = 1.15 * _pixels(ax, 7.5), 0.65 * _pixels(ax, 7.5) * max([len(end[2]) for end in ends], default=0)
-    placed: list[Any] = []
-    found = [(ax.transData.transform((x, y)), text, colour) for x, y, text, colour in ends]
-    for at, text, colour in sorted((p for p in found if np.all(np.isfinite(p[0]))), key=lambda p: p[0][1]):
-        at = np.array([at[0], max(at[1], foot + tall / 2)])
-        while any(abs(other[0] - at[0]) < wide and abs(other[1] - at[1]) < 0.99 * tall for other in placed):
-            at = at + (0.0, tall / 4)
-        placed.append(at)
+    beside : in the margin right of the axes. Else at the very ends, and moved up to stay inside of the axes.
+    """
+    box, tall = ax.get_window_extent(), pt(NAME) / 72 * float(ax.figure.dpi)
+    found = [(ax.transData.transform(end[:2]), *end[2:4]) for end in ends]
+    found = sorted((one for one in found if np.isfinite(one[0]).all()), key=lambda one: one[0][1])
+    places, wide = [one[0] for one in found], 0.65 * tall * max((len(one[1]) for one in found), default=0)
+    if beside:
+        low, high = box.y0 + 0.02 * box.height, box.y0 + 0.98 * box.height
+        heights = spread([y for _, y in places], 1.3 * tall, low, high)
+        places = [(box.x1 + 0.015 * box.width, y) for y in heights]
+    else:
+        for k, (x, y) in enumerate(places):
+            y = max(y, box.y0 + 0.6 * tall)
+            while any(abs(px - x) < wide and abs(py - y) < 1.14 * tall for px, py in places[:k]):
+                y += 0.3 * tall
+            places[k] = (x, y)
+    settings = {"xytext": (0 if beside else 4, 0), "textcoords": "offset points", **({} if beside else halo(ax))}
+    for (_, text, colour), place in zip(found, places, strict=True):
         ax.annotate(
-            short(text), tuple(ax.transData.inverted().transform(at)), xytext=(4, 0), textcoords="offset points",
-            va="center", ha="left", color=colour, fontsize=pt(7.5), annotation_clip=False, **halo(ax),
+            short(text), tuple(ax.transAxes.inverted().transform(place)), xycoords="axes fraction", color=colour,
+            fontsize=pt(NAME), va="center", ha="left", annotation_clip=False, **settings,
         )  # fmt: skip
 
 
 def halo(ax: Axes) -> dict[str, Any]:
     """Text that stands on lines can be read."""
     return {"zorder": 6, "path_effects": [withStroke(linewidth=pt(2), foreground=ax.get_facecolor())]}
-
-
-def _pixels(ax: Axes, size: float) -> float:
-    """Height of type of that size."""
-    return pt(size) / 72 * float(ax.figure.dpi)
 
 
 def spread(positions: Sequence[float], gap: float, low: float, high: float) -> list[float]:
@@ -193,38 +179,35 @@ def note(ax: Axes, text: str) -> None:
 def failed_tracks(ax: Axes, crosses: Mapping[str, Any], grow: bool = True) -> None:
     """Crosses of failed cells on tracks of their own, above whatever is drawn: the panel grows upwards for them.
 
-    crosses : method -> where its failed cells stand on the horizontal axis. The limits of the panel must be set.
-    grow : False where they stand at the right edge, beside what is drawn.
+    crosses : method -> where its failed cells stand on the horizontal axis; those in grey share a track. The limits of
+    the panel must be set. grow : False where they stand at the right edge, beside what is drawn.
     """
-    rest = [np.asarray(crosses[name], dtype=float) for name in crosses if name in current().rest]
-    crosses = {name: xs for name, xs in crosses.items() if name not in current().rest}
+    rest = [name for name in crosses if name in current().rest]
+    tracks = {name: xs for name, xs in crosses.items() if name not in rest}
     if rest:
-        crosses |= {next(iter(current().rest)): np.concatenate(rest)}  # one track, and one look, for all of them
-    failing = [name for name, xs in crosses.items() if np.isfinite(np.asarray(xs, dtype=float)).any()]
-    if not failing:
+        tracks[rest[0]] = np.concatenate([crosses[name] for name in rest])
+    tracks = {name: xs for name, xs in tracks.items() if np.isfinite(xs).any()}
+    if not tracks:
         return
-    share = min(0.05 * len(failing), 0.3)
+    share = min(0.05 * len(tracks), 0.3)
     scale = ax.yaxis.get_transform()
     low, high = scale.transform(np.array(ax.get_ylim(), dtype=float))
     if grow:
         ax.set_ylim(top=float(scale.inverted().transform(np.array([low + (high - low) / (0.97 - share)]))[0]))
-    for rank, name in enumerate(failing):
-        style = _failed() | {"color": look(name).colour, "clip_on": False, "zorder": 5}
-        heights = np.full(len(crosses[name]), 0.985 - rank * share / len(failing))
-        ax.plot(crosses[name], heights, transform=ax.get_xaxis_transform(), **style)
+    for rank, (name, xs) in enumerate(tracks.items()):
+        style = failed_mark() | {"color": look(name).colour, "clip_on": False, "zorder": 5}
+        heights = np.full(len(xs), 0.985 - rank * share / len(tracks))
+        ax.plot(xs, heights, transform=ax.get_xaxis_transform(), **style)
 
 
-def _failed() -> dict[str, Any]:
-    return {"marker": "x", "linestyle": "none", "markersize": pt(5), "markeredgewidth": pt(1.4)}
-
-
-def failed_handle(text: str = "failed") -> Line2D:
-    return Line2D([], [], label=text, color=ink(), **_failed())
+def failed_mark() -> dict[str, Any]:
+    return {"marker": "x", "linestyle": "none", "markersize": pt(5), "markeredgewidth": pt(1.4), "color": ink()}
 
 
 def titles(axes: Sequence[Axes], texts: Sequence[str]) -> None:
-    for ax, text in ((ax, text) for ax, text in zip(axes, texts, strict=False) if text):
-        ax.set_title(folded(short(text, 60), ax.get_window_extent().width / ax.figure.dpi), loc="left")
+    for ax, text in zip(axes, texts, strict=False):
+        if text:
+            ax.set_title(folded(short(text, 60), ax.get_window_extent().width / ax.figure.dpi), loc="left")
 
 
 def folded(text: str, inches: float) -> str:

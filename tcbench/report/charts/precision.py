@@ -10,7 +10,7 @@ import numpy as np
 from ...chart import Chart, Panel, Series, Sheet
 from ...studies.columns import column as column_named
 from .render import chart
-from .style import by_name, finite, names, numbers, ok
+from .style import by_name, finite, lines, names, numbers, ok
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -19,12 +19,8 @@ ERRORS = ("error_q", "error_p", "error_s", "error_theta")
 CONSERVED = "_error_max"  # how columns of what is conserved end: exactly 0 is possible, these get an axis with a zero
 PRODUCED = "error_entropy_produced"  # not an error of the state: drawn where it is asked for
 VARIABLES = {
-    "q": "positions q",
-    "p": "momenta p",
-    "s": "entropies s",
-    "theta": "temperatures θ",
-    "all": "the whole state",
-}
+    "q": "positions q", "p": "momenta p", "s": "entropies s", "theta": "temperatures θ", "all": "the whole state",
+}  # fmt: skip
 
 
 @chart
@@ -40,25 +36,16 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
 
 
 def _cloud(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -> Panel:
-    absent = [name for name in (column, x) if name not in table]
-    done = np.asarray(ok(table))
+    done, least = np.asarray(ok(table)), -1 if column.endswith(CONSERVED) else 0
     xs, ys = numbers(table, x), numbers(table, column)
     xs.values[~(xs.values > 0)] = np.nan
     np.abs(ys.values, out=ys.values)
-    usable = done & np.isfinite(xs.values) & (ys.values > (-1 if column.endswith(CONSERVED) else 0))
-    note = f"The table has no column {absent[0]}." if absent else ""
-    if not usable.any() and done.all():
-        note = note or "no completed run has a value here"
-    order = finite(table["value"]) if "value" in table else xs.values
-    series = []
-    for name, mine in methods.items():
-        pick = mine[usable[mine]]
-        pick = pick[np.argsort(-order[pick], kind="stable")]
-        series.append(Series(name, xs[pick], ys[pick], crosses=xs[mine[~done[mine]]]))
-    scale = "zero" if column.endswith(CONSERVED) else "log"
+    usable = done & np.isfinite(xs.values) & (ys.values > least)
+    order = -finite(table["value"]) if "value" in table else -xs.values
     return Panel(
-        series, column_named(x).label, column_named(column).label, y_scale=scale, note=note, errors=True,
-        x_values=xs, y_values=ys[usable],
+        lines(methods, xs, ys, usable, order, ~done), column_named(x).label, column_named(column).label,
+        y_scale="zero" if least else "log", errors=True, x_values=xs, y_values=ys[usable],
+        note="" if usable.any() or not done.all() else "no completed run has a value here",
     )  # fmt: skip
 
 
@@ -79,46 +66,24 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Sheet:
     """
     there = names(points, "variable")
     variables = [v for v in dict.fromkeys([*VARIABLES, *there]) if v in there] or ["all"]
-    orders = _orders(fits)
-    return Sheet(
-        [_slopes(points[points["variable"].astype(str) == v], orders, v) for v in variables],
-        size=(3.7, 2.8), hollow="not in the fit",
-    )  # fmt: skip
+    first = None if fits is None else fits.drop_duplicates(["variable", "integrator"])
+    orders = {} if first is None else first.set_index(["variable", "integrator"])["order"].to_dict()
+    shown = [_slopes(points[points["variable"].astype(str) == v], orders, v) for v in variables]
+    return Sheet(shown, size=(3.7, 2.8), hollow="not in the fit")
 
 
-def _orders(fits: DataFrame | None) -> dict[tuple[str, str], float]:
-    """The fitted order of each variable and method."""
-    if fits is None:
-        return {}
-    rows = fits.drop_duplicates(["variable", "integrator"])
-    pairs = zip(rows["variable"].astype(str), rows["integrator"].astype(str), strict=True)
-    return dict(zip(pairs, finite(rows["order"]), strict=True))
-
-
-def _failed_points(points: DataFrame) -> Any:
-    failed = ~np.isfinite(finite(points["error"]))
-    if "reason" in points:
-        return failed & points["reason"].astype(str).eq("failed").to_numpy()
-    return (failed & ~np.asarray(ok(points))) if "status" in points else failed
-
-
-def _slopes(part: DataFrame, orders: Mapping[tuple[str, str], float], variable: str) -> Panel:
-    steps, errors = numbers(part, "dt"), numbers(part, "error")
-    h, e = steps.values, errors.values
+def _slopes(part: DataFrame, orders: Mapping[Any, float], variable: str) -> Panel:
+    h, e, methods = numbers(part, "dt"), numbers(part, "error"), by_name(part)
     used = part["used"].fillna(False).astype(bool).to_numpy() if "used" in part else np.ones(len(part), dtype=bool)
-    failed = _failed_points(part)
-    good = np.isfinite(h) & np.isfinite(e) & (e > 0)
-    note = ""
-    if not good.any() and not failed.any():
-        note = "no error" if np.isfinite(e).any() else "no error was measured"  # 0: a variable that stays
-    series: list[Series] = []
-    for name, mine in by_name(part).items():
-        fitted, left, lost = (mine[of[mine]] for of in (good & used, good & ~used, failed & np.isfinite(h)))
-        series.append(Series(name, steps[fitted], errors[fitted], line=False, crosses=steps[lost]))
-        series.append(Series(name, steps[left], errors[left], line=False, marks="hollow"))
-        order = orders.get((variable, name), np.nan)
-        if len(fitted) and np.isfinite(order):
-            series.append(_fitted_line(name, h[fitted], e[fitted], order))
+    lost = np.isnan(e.values) & np.isfinite(h.values)
+    lost &= np.asarray(part["reason"].astype(str).eq("failed")) if "reason" in part else ~np.asarray(ok(part))
+    good, series = np.isfinite(h.values) & (e.values > 0), list[Series]()
+    filled = lines(methods, h, e, good & used, failed=lost, line=False)
+    hollow = lines(methods, h, e, good & ~used, line=False, marks="hollow")
+    for one, left in zip(filled, hollow, strict=True):
+        order = float(finite([orders.get((variable, one.name))])[0])
+        series += [one, left, *([_fitted_line(one, order)] if len(one.x) and np.isfinite(order) else [])]
+    note = "" if good.any() or lost.any() else "no error" if np.isfinite(e.values).any() else "no error was measured"
     label = column_named("error" if variable == "all" else f"error_{variable}").label
     return Panel(
         series, column_named("dt").label, label, title=VARIABLES.get(variable, variable), note=note, errors=True,
@@ -126,11 +91,11 @@ def _slopes(part: DataFrame, orders: Mapping[tuple[str, str], float], variable: 
     )  # fmt: skip
 
 
-def _fitted_line(name: str, h: Any, e: Any, order: float) -> Series:
+def _fitted_line(points: Series, order: float) -> Series:
     """The line of the fitted order through the used points; at its upper end the order."""
-    constant = np.exp(np.mean(np.log(e) - order * np.log(h)))
-    ends = np.array([h.min(), h.max()])
-    return Series(name, ends, constant * ends**order, text=f"{order:.2f}", marks="")
+    h, e = np.asarray(points.x), np.asarray(points.y)
+    constant, ends = np.exp(np.mean(np.log(e) - order * np.log(h))), np.array([h.min(), h.max()])
+    return Series(points.name, ends, constant * ends**order, text=f"{order:.2f}", marks="")
 
 
 CHARTS = (

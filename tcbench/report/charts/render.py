@@ -21,23 +21,8 @@ from matplotlib.transforms import Affine2D
 from ...chart import Panel, Series, Sheet, sheet_of
 from ..highlight import front
 from ..marks import MARKS
-from . import theme
-from .layout import (
-    check_room,
-    columns,
-    end_labels,
-    failed_handle,
-    failed_tracks,
-    folded,
-    handle,
-    legend,
-    line_labels,
-    note,
-    panels,
-    pt,
-    settle,
-    titles,
-)
+from . import layout, theme
+from .layout import pt
 from .scales import ROUND_OFF, log_axis, round_off_band, zero_log_axis
 from .style import GREY, finite, ink, look, looks, names, short
 
@@ -49,6 +34,7 @@ MOST_TEXTS = 12  # numbers at the ends of lines; of more, none can be read
 LONGEST = 26  # letters of the name of a row
 FEW = 3  # lines, of whose magnitudes the largest so far and the values can be told apart
 FREE = 40  # points, each of which has its mark
+CLOUD = 200  # points that are not joined, of which each is small
 
 
 Asked = ParamSpec("Asked")
@@ -73,7 +59,7 @@ def chart(draw: Callable[Asked, Any], crowded: bool = True) -> Callable[Asked, F
             figure = draw(*arguments, **options)
             figure = figure if isinstance(figure, Figure) else render(sheet_of(figure))
             if chosen.size:
-                check_room(figure)
+                layout.check_room(figure)
         return figure
 
     return styled
@@ -93,25 +79,23 @@ def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]
 def render(sheet: Sheet) -> Figure:
     """The panels of a sheet, with one legend for all of them or names at the ends of their lines."""
     shown = [*map(told, sheet.panels or [Panel((), "", "")])]
-    figure, axes = panels(len(shown), sheet.columns, _size(sheet))
+    figure, axes = layout.panels(len(shown), sheet.columns, _size(sheet))
     ends = []
     for ax, panel in zip(axes, shown, strict=True):
         rest = theme.current().rest if panel.rank is None else frozenset(panel.rank).difference(leading(panel))
         with theme.using(replace(theme.current(), rest=rest)):
             ends.append(_draw(ax, panel))
-        below = shown[len(ends) - 1 + columns(ax) :][:1]
+        below = shown[len(ends) - 1 + layout.columns(ax) :][:1]
         if not below or below[0].x != panel.x:  # said once a column
             ax.set_xlabel(panel.x)
-        ax.set_ylabel(folded(panel.y, ax.get_window_extent().height / figure.dpi))
-    titles(axes, [panel.title for panel in shown])
+        ax.set_ylabel(layout.folded(panel.y, ax.get_window_extent().height / figure.dpi))
+    layout.titles(axes, [panel.title for panel in shown])
     _legend(figure, sheet, shown)
-    settle(figure)
+    layout.settle(figure)
     for ax, of in zip(axes, ends, strict=True):
-        texts = [end[:4] for end in of if end[4]]
-        if sheet.named:
-            end_labels(ax, [end[:4] for end in of])
-        elif len(texts) <= MOST_TEXTS:
-            line_labels(ax, texts)
+        asked = of if sheet.named else [end for end in of if end[4]]
+        if sheet.named or len(asked) <= MOST_TEXTS:
+            layout.name_lines(ax, asked, beside=sheet.named)
     return figure
 
 
@@ -120,13 +104,14 @@ def _legend(figure: Figure, sheet: Sheet, shown: Sequence[Panel]) -> None:
     keys = {mark: text for panel in shown for mark, text in panel.keys.items()}
     extra = [Line2D([], [], label=text, linestyle="none", **_mark(m, ink())) for m, text in keys.items()]
     if keys or sheet.named:
-        legend(figure, [], extra)
+        layout.legend(figure, [], extra)
         return
     if any(one.marks == "hollow" for one in every):
-        extra.append(handle(sheet.hollow, marker="o", linestyle="none", color=ink(), markerfacecolor="none"))
+        hollow: Any = {"marker": "o", "linestyle": "none", "color": ink(), "markerfacecolor": "none"}
+        extra.append(Line2D([], [], label=sheet.hollow, **hollow))
     if any(len(one.crosses) for one in every):
-        extra.append(failed_handle())
-    legend(figure, list(dict.fromkeys(one.name for one in every if not one.plain)), extra)
+        extra.append(Line2D([], [], label="failed", **layout.failed_mark()))
+    layout.legend(figure, list(dict.fromkeys(one.name for one in every if not one.plain)), extra)
 
 
 def told(panel: Panel) -> Panel:
@@ -161,7 +146,7 @@ def leading(panel: Panel) -> list[str]:
 def _draw(ax: Axes, panel: Panel) -> list[tuple[float, float, str, str, bool]]:
     """Draw a panel; the end of each line in colour: x, y, what to write there, its colour, whether its author asks."""
     if panel.note:
-        note(ax, panel.note)
+        layout.note(ax, panel.note)
         return []
     if panel.rows:
         _rows(ax, panel)
@@ -170,18 +155,19 @@ def _draw(ax: Axes, panel: Panel) -> list[tuple[float, float, str, str, bool]]:
         _axis(ax, which, scale, span(panel, which))
     if panel.errors and panel.y_scale == "log":
         round_off_band(ax)
-    right = ax.get_xlim()[1]
+    if panel.y_scale == "linear" and panel.y_values is not None:
+        low, high = span(panel, "y").min(), span(panel, "y").max()
+        ax.set_ylim(low - 0.04 * (high - low or 1), high + 0.04 * (high - low or 1))
     crosses = {one.name: finite(one.crosses) for one in panel.series if len(one.crosses)}
-    places = {name: np.where(np.isfinite(at), at, right) for name, at in crosses.items()}
-    failed_tracks(ax, places, grow=any(np.isfinite(at).any() for at in crosses.values()))
+    places = {name: np.where(np.isfinite(at), at, ax.get_xlim()[1]) for name, at in crosses.items()}
+    layout.failed_tracks(ax, places, grow=any(np.isfinite(at).any() for at in crosses.values()))
     rest, ends = theme.current().rest, []
     for place, one in enumerate(sorted(panel.series, key=lambda one: one.name not in rest)):
         x, y = finite(one.x), finite(one.y)
         keep = np.isfinite(x) & np.isfinite(y)
         colour = _line(ax, one, x[keep], y[keep], panel, keep, place)
-        if keep.any():
-            end = (float(x[keep][-1]), float(y[keep][-1]), one.text or one.name, colour, bool(one.text))
-            ends += [end] if one.name not in rest or one.text else []
+        if keep.any() and (one.text or (one.line and one.name not in rest)):
+            ends.append((float(x[keep][-1]), float(y[keep][-1]), one.text or one.name, colour, bool(one.text)))
     ax.autoscale_view()  # where nothing has set the limits texts would stand as in others
     return ends
 
@@ -220,13 +206,11 @@ def _rows(ax: Axes, panel: Panel) -> None:
             start, end = (low if math.isnan(x) else x for x in one.bar)
             ax.plot([start, end], [y, y], color=colour, linewidth=pt(3), alpha=0.35, solid_capstyle="butt")
             ax.plot([end, one.dotted], [y, y], color=colour, linestyle=":", linewidth=pt(1.6))
-        for mark, places in one.marks.items():
+        marks = {mark: at[np.isfinite(at)] for mark, places in one.marks.items() for at in [finite(places)]}
+        for mark, at in marks.items():
             drawn = _mark(mark, colour) | ({"markerfacecolor": paper} if one.hollow else {})
-            at = finite(places)[np.isfinite(finite(places))]
             ax.plot(at, np.full(len(at), y), linestyle="none", clip_on=False, **drawn)
-        nothing = (
-            one.bar is None and bool(one.marks) and not any(np.isfinite(finite(p)).any() for p in one.marks.values())
-        )
+        nothing = one.bar is None and bool(marks) and not any(map(len, marks.values()))
         behind: Any = {"xytext": (6, 0), "textcoords": "offset points", "va": "center"}
         ax.annotate(one.text or ("no answer" if nothing else ""), (end, y), fontsize=pt(7), color=colour, **behind)
     ax.set_ylim(-0.7, len(names) - 0.3)
@@ -234,20 +218,15 @@ def _rows(ax: Axes, panel: Panel) -> None:
     ax.grid(axis="y", visible=False)
 
 
-def _letter(mark: str) -> Any:
-    """A letter as a marker, in the middle of its place."""
-    path = TextPath((0, 0), mark, size=10, prop=FontProperties(weight="bold"))
-    box = path.get_extents()
-    return path.transformed(Affine2D().translate(-(box.x0 + box.x1) / 2, -(box.y0 + box.y1) / 2))
-
-
 def _mark(mark: str, colour: str) -> dict[str, Any]:
-    """How a mark of a row is drawn."""
-    thin = mark in ("|", "_")
-    letter = mark in MARKS and mark != "x"
-    shape = {".": "o", "_": "|"}.get(mark, _letter(mark) if letter else mark)
-    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 6 if letter else 5)
+    """How a mark of a row is drawn; a letter is one in the middle of its place."""
+    thin, letter, shape = mark in ("|", "_"), mark in MARKS and mark != "x", {".": "o", "_": "|"}.get(mark, mark)
+    if letter:
+        path = TextPath((0, 0), mark, size=10, prop=FontProperties(weight="bold"))
+        box = path.get_extents()
+        shape = path.transformed(Affine2D().translate(-(box.x0 + box.x1) / 2, -(box.y0 + box.y1) / 2))
     edge = 1.4 if thin or mark == "x" else 0.2 if letter else 0.9
+    size = {".": 3.5, "|": 11, "_": 8}.get(mark, 6 if letter else 5)
     return {
         "marker": shape, "color": GREY if mark == "_" else colour,
         "markersize": pt(size), "markeredgewidth": pt(edge), "zorder": 3 if thin else 4,
@@ -260,10 +239,15 @@ def _line(ax: Axes, one: Series, x: Any, y: Any, panel: Panel, keep: Any, place:
     colour = ink() if one.plain else style.colour
     if len(one.low) and one.name not in theme.current().rest:
         low, high = finite(one.low)[keep], finite(one.high)[keep]
-        ax.fill_between(x, low, high, color=colour, alpha=BAND, linewidth=0, step="post" if panel.stepped else None)
+        if one.line:
+            ax.fill_between(x, low, high, color=colour, alpha=BAND, lw=0, step="post" if panel.stepped else None)
+        else:
+            ax.vlines(x, low, high, color=colour, linewidth=pt(1.8), alpha=0.8)
     settings: dict[str, Any] = {"color": colour, "linestyle": style.dash if one.line else "none"}
     if one.plain:
         settings |= {"linestyle": "-", "linewidth": pt(2.2), "clip_on": False}
+    elif not one.line and len(x) > CLOUD:
+        settings |= {"marker": ".", "markersize": pt(2.5), "alpha": 0.3, "rasterized": True}
     elif one.marks:
         settings |= {"marker": style.marker} | ({"markerfacecolor": "none"} if one.marks == "hollow" else {})
     else:
@@ -272,7 +256,7 @@ def _line(ax: Axes, one: Series, x: Any, y: Any, panel: Panel, keep: Any, place:
         if len(panel.series) <= FEW:
             ax.plot(x, np.abs(y), color=colour, linewidth=pt(0.5), alpha=0.45)
         y = np.maximum.accumulate(np.abs(y))
-    if len(x) > FREE:  # sparse, and at other places of each line
+    if one.line and len(x) > FREE:  # sparse, and at other places of each line
         stride = len(x) // 8
         settings |= {"markevery": ((place * stride // 5) % stride, stride), "markersize": pt(4)}
     ax.plot(x, y, drawstyle="steps-post" if panel.stepped else "default", **settings)

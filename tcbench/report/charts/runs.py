@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
 from ...simulation.series import variables
 from ...studies.columns import column as column_named
-from .layout import halo, handle, legend, note, panels, pt, titles
+from .layout import halo, panels, pt
 from .render import chart, chart_of_rows
-from .style import by_name, finite, ink, look, names, numbers, short
+from .style import by_name, finite, ink, numbers, short
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -29,7 +29,7 @@ LAWS = {
 }
 MOST_OF_ARRAY = 6  # numbers of an array that have a panel each
 MOST_PATHS = 12  # panels, of paths or of variables, that still can be read
-DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (8, 2)), (0, (1, 4)))  # as many of one colour are told apart
+MOST_LINES = 6  # of one method in one panel
 GROWTH = {
     "entropy": "entropy S",
     "strain_a": "logarithmic strain, spring a", "strain_b": "logarithmic strain, spring b",
@@ -47,9 +47,8 @@ def laws(series: DataFrame, y: Sequence[str] | None = None) -> Sheet:
     The line is the largest so far; beside it runs a thin one, the value, where runs are few. A cross ends a failed run.
     y : columns, one panel each; those above by default.
     """
-    lost = [c for c in map(str, series) if c.endswith("_error")]
-    others = {c: f"{c.removesuffix('_error').replace('_', ' ')}: |I − I₀| / |I₀|" for c in lost}
-    told = LAWS | {c: text for c, text in others.items() if c not in LAWS}
+    lost = [c for c in map(str, series) if c.endswith("_error") and c not in LAWS]
+    told = LAWS | {c: f"{c.removesuffix('_error').replace('_', ' ')}: |I − I₀| / |I₀|" for c in lost}
     columns = y or _measured(series, list(told)) or ["energy_error"]
     texts = [told.get(column, column_named(column).label) for column in columns]
     return Sheet([
@@ -72,9 +71,14 @@ def in_time(series: DataFrame) -> Sheet:
         arrays.setdefault(re.sub(r"(_[a-z]|[\d_,]+)$", "", column), []).append(column)
     large = {stem: of for stem, of in arrays.items() if len(of) > MOST_OF_ARRAY}
     columns = [column for stem, of in arrays.items() if stem not in large for column in of][:MOST_PATHS]
-    t, shown = column_named("t").label, zip(columns, _lines(series, columns), strict=True)
-    panels = [Panel(lines, t, "", "linear", "linear", column_named(column).label) for column, lines in shown]
+    shown = zip(columns, _lines(series, columns), strict=True)
+    panels = [_plain(lines, column_named(column).label) for column, lines in shown]
     return Sheet([*panels, *(_band(series, stem, of) for stem, of in large.items())])
+
+
+def _plain(lines: Sequence[Series], title: str, **more: Any) -> Panel:
+    """Lines in time on a linear axis."""
+    return Panel(lines, column_named("t").label, "", "linear", "linear", title, **more)
 
 
 def _band(series: DataFrame, stem: str, columns: Sequence[str]) -> Panel:
@@ -83,11 +87,10 @@ def _band(series: DataFrame, stem: str, columns: Sequence[str]) -> Panel:
     low, mean, high = (of(values, axis=0) for of in (np.min, np.mean, np.max))
     lines = [
         Series(name, t[rows], mean[rows], low[rows], high[rows], marks="", ended=_failed(series, rows[-1]))
-        for name, rows in _rows_of_runs(series)
+        for name, rows in _runs(series)
     ]
     title = f"{stem.replace('_', ' ')}: mean of {len(columns)}, least to largest"
-    return Panel(lines, x=column_named("t").label, y="", x_scale="linear", y_scale="linear", title=title,
-                 y_values=[*low, *high])  # fmt: skip
+    return _plain(lines, title, y_values=[*low, *high])
 
 
 def _moves(values: Any) -> bool:
@@ -96,15 +99,15 @@ def _moves(values: Any) -> bool:
     return bool(np.nanmax(known) - np.nanmin(known) > 1e-8 * np.nanmax(np.abs(known)))
 
 
-def _lines(series: DataFrame, columns: Sequence[str], magnitudes: bool = False) -> list[list[Series]]:
+def _lines(series: DataFrame, columns: Sequence[str], magnitudes: bool = False, **more: Any) -> list[list[Series]]:
     """For each column a line a run."""
-    runs, t, of = _rows_of_runs(series), numbers(series, "t"), {column: numbers(series, column) for column in columns}
-    for column in of.values() if magnitudes else ():
+    runs, t, of = _runs(series), numbers(series, "t"), [numbers(series, column) for column in columns]
+    for column in of if magnitudes else ():
         np.abs(column.values, out=column.values)
     ended = [_failed(series, rows[-1]) for _, rows in runs]
     return [
-        [Series(name, t[rows], values[rows], ended=bad) for (name, rows), bad in zip(runs, ended, strict=True)]
-        for values in of.values()
+        [Series(name, t[rows], values[rows], ended=bad, **more) for (name, rows), bad in zip(runs, ended, strict=True)]
+        for values in of
     ]
 
 
@@ -113,7 +116,7 @@ def _failed(series: DataFrame, last: int) -> bool:
     return "status" in series and str(series["status"].iloc[last]) != "ok"
 
 
-def _rows_of_runs(series: DataFrame) -> list[tuple[str, Any]]:
+def _runs(series: DataFrame) -> list[tuple[str, Any]]:
     """The rows of each run, in order of time; several steps of one method are several runs."""
     t, steps = numbers(series, "t").values, numbers(series, "dt").values
     found = []
@@ -125,59 +128,6 @@ def _rows_of_runs(series: DataFrame) -> list[tuple[str, Any]]:
     return found
 
 
-def _runs(series: DataFrame) -> list[tuple[str, DataFrame]]:
-    return [(name, series.iloc[rows]) for name, rows in _rows_of_runs(series)]
-
-
-def _end(ax: Axes, run: DataFrame, values: Any, colour: str) -> None:
-    """A cross where a failed run ends."""
-    good = np.flatnonzero(np.isfinite(values))
-    if len(good) and _failed(run, -1):
-        at = [run["t"].iloc[good[-1]]], [values[good[-1]]]
-        ax.plot(*at, color=colour, marker="x", markersize=pt(8), markeredgewidth=pt(2))
-
-
-@chart
-def four_panel(series: DataFrame) -> Figure:
-    """Energy, entropy, temperatures and logarithmic strains in time, as in the paper; without strains, variables."""
-    figure, axes = panels(4, 2, (4.9, 2.6))
-    methods = names(series)
-    groups = [["energy"], ["entropy"], _numbered(series, "temperature"), _numbered(series, "strain")]
-    texts = ["energy E", "entropy S", "temperatures θ", "logarithmic strains"]
-    if not groups[3]:
-        groups[3], texts[3] = _variables(series)
-    runs = _runs(series)
-    for ax, columns, text in zip(axes, groups, texts, strict=True):
-        shown = _measured(series, columns)
-        if not shown:
-            note(ax, f"no {text} in this system")
-            continue
-        for name, run in runs:
-            for i, column in enumerate(shown):
-                value, style = finite(run[column]), look(name)
-                dash = DASHES[i % len(DASHES)]
-                ax.plot(finite(run["t"]), value, color=style.colour, linestyle=dash, linewidth=pt(1.1))
-                _end(ax, run, value, style.colour)
-        if text.startswith("energy"):
-            _roomy(ax, series["energy"])
-        _name_elements(ax, runs, shown)
-        ax.ticklabel_format(axis="y", useOffset=False)
-        ax.set_xlabel(column_named("t").label)
-    titles(axes, texts)
-    legend(figure, methods if len(methods) > 1 else [])
-    return figure
-
-
-def _name_elements(ax: Axes, runs: Sequence[tuple[str, DataFrame]], columns: Sequence[str]) -> None:
-    """A key to the line styles of the elements, where there are several."""
-    if len(columns) > 1 and runs:
-        springs = any(_measured(run, ["strain_a"]) for _, run in runs)
-        called = [f"spring {c.rpartition('_')[2]}" if springs else column_named(c).label for c in columns]
-        dashes = [DASHES[i % len(DASHES)] for i in range(len(called))]
-        keys = [handle(x, color=ink(), marker="", linestyle=d) for x, d in zip(called, dashes, strict=True)]
-        ax.legend(handles=keys, loc="best", fontsize=pt(7), handlelength=2.2, framealpha=0.0)
-
-
 def _measured(series: DataFrame, columns: Sequence[str]) -> list[str]:
     """Those that have values: a table of several systems has columns of all of them."""
     return [c for c in columns if c in series and np.isfinite(finite(series[c])).any()]
@@ -187,20 +137,33 @@ def _numbered(series: DataFrame, stem: str) -> list[str]:
     return _measured(series, [str(c) for c in series.columns if str(c).startswith(f"{stem}_")])
 
 
-def _variables(series: DataFrame) -> tuple[list[str], str]:
-    """The numbers of the state, as many as can be told apart, and what a panel of them is called."""
-    found = _measured(series, variables(series))
-    more = len(found) - len(DASHES)
-    return found[: len(DASHES)], f"variables, the first {len(DASHES)} of {len(found)}" if more > 0 else "variables"
+@chart
+def four_panel(series: DataFrame) -> Sheet:
+    """Energy, entropy, temperatures and logarithmic strains in time, as in the paper; without strains, variables."""
+    strains, found = _numbered(series, "strain"), _measured(series, variables(series))
+    rest = f", the first {MOST_LINES} of {len(found)}" if len(found) > MOST_LINES else ""
+    groups = {"energy E": ["energy"], "entropy S": ["entropy"], "temperatures θ": _numbered(series, "temperature")}
+    groups |= {"logarithmic strains": strains} if strains or not found else {f"variables{rest}": found[:MOST_LINES]}
+    shown = []
+    for title, columns in groups.items():
+        lines = list[Series]()
+        for column in (there := _measured(series, columns)):
+            element = f"spring {column.rpartition('_')[2]}" if strains else column_named(column).label
+            lines += _lines(series, [column], marks="")[0]
+            if len(there) > 1 and lines:  # said once: the methods' lines of one element are near each other
+                lines[-1] = replace(lines[-1], text=element)
+        room = _roomy(numbers(series, "energy").values) if columns == ["energy"] else None
+        shown.append(_plain(lines, title, note="" if lines else f"no {title} in this system", y_values=room))
+    return Sheet(shown, 2, (4.9, 2.6))
 
 
-def _roomy(ax: Axes, values: Any) -> None:
-    """An energy that is constant to round-off is a flat line, not noise blown up to fill the panel."""
-    good = finite(values)
-    good = good[np.isfinite(good)]
-    if len(good) and np.ptp(good) < 1e-6 * max(1.0, abs(good).max()):
-        middle, half = float(np.median(good)), 0.01 * max(1.0, float(abs(np.median(good))))
-        ax.set_ylim(middle - half, middle + half)
+def _roomy(values: Any) -> Any:
+    """The range of an energy; one that is constant to round-off is a flat line, not noise that fills the panel."""
+    good = values[np.isfinite(values)]
+    size = max(1.0, abs(good).max(initial=0.0))
+    if not len(good) or np.ptp(good) >= 1e-6 * size:
+        return None
+    return np.median(good) + 0.01 * size * np.array([-1.0, 1.0])
 
 
 @chart_of_rows
@@ -211,33 +174,31 @@ def path(series: DataFrame) -> Figure:
     The start is a ring, the end a dot.
     """
     from matplotlib.collections import LineCollection
-    from matplotlib.colors import Normalize
 
-    runs = _runs(series)
-    heat = _numbered(series, "temperature")
+    runs, heat = _runs(series), _numbered(series, "temperature")
     drawn = "at_" if _measured(series, ["at_x_1"]) else ""
     places = [(f"{drawn}x_{i}", f"{drawn}y_{i}") for i in range(1, 10)]
     masses = [pair for pair in places if len(_measured(series, pair)) == 2]
-    more, runs = len(runs) - MOST_PATHS, runs[:MOST_PATHS]
     if runs and not (masses and heat):
         raise TcbenchError(
             "The chart 'path' shows ways in the plane and temperatures, and these runs have none: a system says where "
             "it is with points(z), and how warm with temperature(z, dE, dS)."
         )
+    more, runs = len(runs) - MOST_PATHS, runs[:MOST_PATHS]
     figure, axes = panels(max(1, len(runs)), 3, (3.3, 3.1))
     every = finite(np.ravel(series[heat].to_numpy()))
     low, high = (np.nanmin(every), np.nanmax(every)) if np.isfinite(every).any() else (0.0, 1.0)
-    scale = Normalize(low, high if high > low else low + 1.0)
-    mappable = None
-    for ax, (name, run) in zip(axes, runs, strict=False):
+    coloured = None
+    for ax, (name, rows) in zip(axes, runs, strict=False):
+        run = series.iloc[rows]
         for i, (x, y) in enumerate(masses):
             points = np.column_stack([finite(run[x]), finite(run[y])])
-            segments = np.stack([points[:-1], points[1:]], axis=1)
-            mappable = LineCollection(
-                list(segments), cmap="cividis", norm=scale, linewidths=1.0 if i == 0 else 1.8, rasterized=True
-            )
-            mappable.set_array(finite(run[heat[min(i, len(heat) - 1)]])[:-1])
-            ax.add_collection(mappable)
+            coloured = LineCollection(
+                list(np.stack([points[:-1], points[1:]], axis=1)), cmap="cividis", rasterized=True,
+                clim=(low, high if high > low else low + 1.0), linewidths=1.0 if i == 0 else 1.8,
+            )  # fmt: skip
+            coloured.set_array(finite(run[heat[min(i, len(heat) - 1)]])[:-1])
+            ax.add_collection(coloured)
             ax.plot(*points[0], marker="o", markerfacecolor="none", color=ink(), markersize=pt(6))
             ax.plot(*points[-1], marker="o", color=ink(), markersize=pt(4))
             ax.annotate(str(i + 1), points[0], (5, 5), textcoords="offset points", fontsize=pt(7), **halo(ax))
@@ -245,10 +206,9 @@ def path(series: DataFrame) -> Figure:
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
         ax.set_title(short(name), loc="left")
-        ax.set_xlabel("x")
-        ax.set_ylabel("y")
-    if mappable is not None:
-        figure.colorbar(mappable, ax=axes, label="temperature θ of its spring", shrink=0.8)
+        ax.set(xlabel="x", ylabel="y")
+    if coloured is not None:
+        figure.colorbar(coloured, ax=axes, label="temperature θ of its spring", shrink=0.8)
     if more > 0:
         figure.supxlabel(f"{more} more runs are not drawn", fontsize=pt(8))
     return figure
@@ -277,7 +237,7 @@ def _exact(table: DataFrame, column: str, summary: DataFrame | None) -> list[Ser
     exact = "exact_temperature" if column.startswith("temperature") else f"exact_{column}"
     known = finite(() if summary is None or exact not in summary else summary[exact].dropna())[:1]
     t, seen = finite(table["t"]), finite(table[column])
-    room, ends = 0.25 * (np.nanmax(seen) - np.nanmin(seen)), (np.nanmin(t), np.nanmax(t))
+    room, ends = 0.25 * np.ptp(seen[np.isfinite(seen)]), (np.nanmin(t), np.nanmax(t))
     near = [v for v in known if np.nanmin(seen) - room <= v <= np.nanmax(seen) + room]
     return [Series("exact", ends, (v, v), marks="", text="exact", plain=True) for v in near]
 

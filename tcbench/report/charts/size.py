@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,23 +31,16 @@ def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | Non
 
 def _lines(rows: DataFrame, fits: DataFrame | None, family: str, column: str) -> Panel:
     rows = rows[rows["family"].astype(str) == family]
-    fit = None if fits is None or "family" not in fits else fits[fits["family"].astype(str) == family]
-    good = rows[np.isfinite(finite(rows["numbers"])) & (finite(rows[column]) > 0)]
+    good, slope = rows[np.isfinite(finite(rows["numbers"])) & (finite(rows[column]) > 0)], GROWING.get(column, "")
+    known = {} if fits is None or slope not in fits else fits.set_index(["family", "integrator", "dt"])[slope].to_dict()
     series = []
-    for key, mine in good.groupby(["integrator", "dt"], sort=False):
-        mine, slope = mine.sort_values("numbers"), _exponent(fit, key, column)
-        text = f"{slope:.2f}" if np.isfinite(slope) else ""
-        series.append(Series(str(key[0]), finite(mine["numbers"]), finite(mine[column]), text=text))
+    for (name, dt), mine in good.groupby(["integrator", "dt"], sort=False):
+        exponent = known.get((family, name, dt), np.nan)
+        of = mine.sort_values("numbers")
+        text = f"{exponent:.2f}" if np.isfinite(exponent) else ""
+        series.append(Series(str(name), finite(of["numbers"]), finite(of[column]), text=text))
     note = "" if series else "no completed run has a value here"
     return Panel(series, column_named("numbers").label, column_named(column).label, title=family, note=note)
-
-
-def _exponent(fits: DataFrame | None, key: Any, column: str) -> float:
-    """The exponent of a method's column, NaN if none is known."""
-    if fits is None or column not in GROWING or GROWING[column] not in fits:
-        return np.nan
-    mine = fits[(fits["integrator"].astype(str) == key[0]) & (fits["dt"] == key[1])]
-    return float(finite(mine[GROWING[column]])[0]) if len(mine) else np.nan
 
 
 CHARTS = (

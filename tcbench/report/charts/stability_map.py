@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -33,8 +33,7 @@ CLASSES = (
     ("not run", "#ffffff"),
 )
 PHYSICAL, BRANCH, UNDECIDED, NOT_RUN = 3, 4, 5, 6
-HATCH = "//////"
-HATCH_COLOUR = "#333333"
+HATCH: Any = {"facecolor": "none", "edgecolor": "#333333", "hatch": "//////"}
 TEXT = "only plain Newton from z0 fails", "a branch folds"
 
 
@@ -58,52 +57,41 @@ def edges(centres: np.ndarray) -> np.ndarray:
 @chart_of_rows
 def map_figure(table: DataFrame) -> Figure:
     """Maps of several integrators side by side, one scenario; the columns are those of `maps.COLUMNS`."""
-    methods = names(table)
-    x_name, y_name = (str(table[c].iloc[0]) for c in ("x_name", "y_name"))
+    kinds = [cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)]
+    table, methods = table.assign(kind=kinds), names(table)
+    axis_names = [str(table[c].iloc[0]) for c in ("x_name", "y_name")]
+    x_label, y_label = (
+        column_named("dt").label if name == "dt" else f"{name} (multiple of the scenario's)" for name in axis_names
+    )
     figure, axes = panels(len(methods), 4, (3.4, 3.6))
     for ax, name in zip(axes, methods, strict=True):
         _panel(ax, table[table["integrator"].astype(str) == name])
-        ax.set_xlabel(_label(x_name))
-    for ax in axes:
-        if (place := ax.get_subplotspec()) is None or place.is_first_col():
-            ax.set_ylabel(_label(y_name))
-    steps = [] if "dt" in (x_name, y_name) or "dt" not in table else list(table["dt"].dropna().unique())
+        place = ax.get_subplotspec()
+        ax.set(xlabel=x_label, ylabel=y_label if place is None or place.is_first_col() else "")
+    steps = [] if "dt" in axis_names or "dt" not in table else list(table["dt"].dropna().unique())
     titles(axes, [f"{name}, h = {steps[0]:g}" if len(steps) == 1 else name for name in methods])
-    used = {cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)}
     handles: list[Any] = [
-        Patch(facecolor=colour, edgecolor="#888888", label=text)
-        for k, (text, colour) in enumerate(CLASSES) if k in used
+        Patch(facecolor=CLASSES[k][1], edgecolor="#888888", label=CLASSES[k][0]) for k in sorted({*kinds})
+    ]
+    handles += [
+        Patch(**HATCH, label=TEXT[0]), Line2D([], [], marker="o", color="k", markersize=3, linestyle="", label=TEXT[1])
     ]  # fmt: skip
-    handles.append(Patch(facecolor="white", edgecolor=HATCH_COLOUR, hatch=HATCH, label=TEXT[0]))
-    handles.append(Line2D([], [], marker="o", color="black", markersize=3, linestyle="", label=TEXT[1]))
     legend(figure, [], handles)
     return figure
-
-
-def _label(name: str) -> str:
-    return column_named("dt").label if name == "dt" else f"{name} (multiple of the scenario's)"
-
-
-def _box(x: np.ndarray, y: np.ndarray, i: int, j: int) -> list[tuple[float, float]]:
-    return [(x[i], y[j]), (x[i + 1], y[j]), (x[i + 1], y[j + 1]), (x[i], y[j + 1])]
 
 
 def _panel(ax: Axes, table: DataFrame) -> None:
     """One integrator: colours, hatching where only plain Newton fails, dots where a branch folds."""
     table = table[table["x"].notna()]
-    x, y = np.unique(table["x"]), np.unique(table["y"])
-    column, row = np.searchsorted(x, table["x"]), np.searchsorted(y, table["y"])
-    kinds = np.full((len(y), len(x)), NOT_RUN)
-    kinds[row, column] = [cell_class(o, e) for o, e in zip(table["outcome"], table["energy_error_max"], strict=True)]
-    colours = ListedColormap([colour for _, colour in CLASSES])
-    norm = BoundaryNorm(np.arange(len(CLASSES) + 1) - 0.5, len(CLASSES))
+    kinds = table.pivot_table("kind", "y", "x", fill_value=NOT_RUN)
+    x, y = kinds.columns.to_numpy(), kinds.index.to_numpy()
     x_edges, y_edges = edges(x), edges(y)
-    ax.pcolormesh(x_edges, y_edges, kinds, cmap=colours, norm=norm, rasterized=True)
-    only_plain = (table["outcome"] == "ok") & table["outcome_plain"].notna() & (table["outcome_plain"] != "ok")
-    boxes = [_box(x_edges, y_edges, i, j) for i, j in zip(column[only_plain], row[only_plain], strict=True)]
-    ax.add_collection(
-        PolyCollection(boxes, facecolor="none", edgecolor=HATCH_COLOUR, hatch=HATCH, linewidth=0.0), autolim=False
-    )
+    colours = ListedColormap([colour for _, colour in CLASSES])
+    ax.pcolormesh(x_edges, y_edges, kinds, cmap=colours, vmin=-0.5, vmax=len(CLASSES) - 0.5, rasterized=True)
+    only_plain = table[table["outcome"].eq("ok") & table["outcome_plain"].notna() & table["outcome_plain"].ne("ok")]
+    i, j = np.searchsorted(x, only_plain["x"]), np.searchsorted(y, only_plain["y"])
+    corners = [(x_edges[i + a], y_edges[j + b]) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    ax.add_collection(PolyCollection(list(np.array(corners).transpose(2, 0, 1)), **HATCH, linewidth=0.0), autolim=False)
     folds = table[table["folds"].fillna(False).astype(bool)]
     # a white rim keeps the dot visible on the dark colours
     ax.plot(folds["x"], folds["y"], "o", color="black", markersize=2.2, markeredgecolor="white", markeredgewidth=0.3)
@@ -111,8 +99,7 @@ def _panel(ax: Axes, table: DataFrame) -> None:
         if len(values) > 2 and not np.allclose(np.diff(values), values[1] - values[0]):
             log_axis(ax, axis, values)
     ax.grid(False)
-    ax.set_xlim(x_edges[0], x_edges[-1])
-    ax.set_ylim(y_edges[0], y_edges[-1])
+    ax.set(xlim=x_edges[[0, -1]], ylim=y_edges[[0, -1]])
 
 
 CHARTS = (

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
-from ...chart import Slice
+from ...chart import Series, Slice
 from . import theme
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ KNOWN = {
     "midpoint_entropy": Look(ORANGE, "D", "-"),
     "midpoint_temperature": Look(RED, "v", "--"),
 }
-OFTEN = {  # that lead or are compared with most often: told apart from the paper's and from each other
+FIXED = KNOWN | {  # that lead or are compared with most often: told apart from the paper's and from each other
     "tc_auto": Look(INDIGO, "*", "-"),
     "tc_gauss": Look(TEAL, "h", "-"),
     "tc_gauss_adaptive": Look(WINE, "p", "-"),
@@ -54,7 +55,6 @@ OFTEN = {  # that lead or are compared with most often: told apart from the pape
     "heyoka": Look(SLATE, "P", "-"),
     "scipy_odeint": Look(SLATE, "X", "--"),
 }
-FIXED = KNOWN | OFTEN
 OTHER = Look("#b8bec5", "", "-")  # the look of all those that are not in front
 
 
@@ -83,24 +83,23 @@ def looks(methods: Sequence[str], known: Mapping[str, Look] | None = None) -> di
     known : of a whole run, which its charts keep. A cycle of properties in the theme's settings is followed instead,
     in the order of the methods.
     """
-    cycle = list(theme.current().settings.get(theme.CYCLE, ()))
-    found = {} if cycle else {n: FIXED[n] for n in methods if n in FIXED} | dict(known or {})
-    for rank, name in enumerate(methods):
+    if own := list(theme.current().settings.get(theme.CYCLE, ())):
+        made = {name: (preferred(name), entry) for name, entry in zip(methods, cycle(own))}
+        return {name: Look(of.get("color", wish.colour), of.get("marker", wish.marker), of.get("linestyle", "-"))
+                for name, (wish, of) in made.items()}  # fmt: skip
+    found = {n: FIXED[n] for n in methods if n in FIXED} | dict(known or {})
+    for name in methods:
         if name in found:
             continue
         wish, taken = preferred(name), list(found.values())
-        if cycle:
-            entry = cycle[rank % len(cycle)]
-            values = (entry.get("color", wish.colour), entry.get("marker", wish.marker), entry.get("linestyle", "-"))
-            wish = Look(*values)
-        elif "[" not in name:
+        if "[" not in name:
             wish = wish._replace(colour=min(_from(COLOURS, wish.colour), key=[t.colour for t in taken].count))
-        markers, lines = {t.marker for t in taken}, {(t.colour, t.dash) for t in taken}
-        worn = {t.marker for t in taken if t.colour == wish.colour}
+        markers, worn = {t.marker for t in taken}, {t.marker for t in taken if t.colour == wish.colour}
         every = _from((*MARKERS, *(k.marker for k in KNOWN.values())), wish.marker)
         free = [*(m for m in every if m not in markers), *(m for m in every if m not in worn), wish.marker]
-        dashes = (d for d in _from(DASHES, wish.dash) if (wish.colour, d) not in lines)
-        found[name] = Look(wish.colour, free[0], next(dashes, wish.dash))
+        lines = {(t.colour, t.dash) for t in taken}
+        dash = next((d for d in _from(DASHES, wish.dash) if (wish.colour, d) not in lines), wish.dash)
+        found[name] = Look(wish.colour, free[0], dash)
     return {name: found[name] for name in methods}
 
 
@@ -118,19 +117,32 @@ def ink() -> str:
 def names(table: DataFrame, column: str = "integrator") -> list[str]:
     """The distinct names of a column: those in grey, that others lie upon them, then in the theme's order, or those
     with a fixed look first, then by alphabet."""
-    return _in_order({str(n) for n in table[column].dropna().unique()} if column in table else ())
-
-
-def _in_order(found: Iterable[str]) -> list[str]:
-    known, rest = [*theme.current().labels, *KNOWN], theme.current().rest
-    return sorted(found, key=lambda n: (n not in rest, known.index(n) if n in known else len(known), n))
+    return [*by_name(table, column)]
 
 
 def by_name(table: DataFrame, column: str = "integrator") -> dict[str, NDArray[np.intp]]:
     """Each of `names`, and the places of its rows."""
     groups = table.groupby(column, sort=False).indices if column in table else {}
-    found = {str(name): rows for name, rows in groups.items()}
-    return {name: found[name] for name in _in_order(found)}
+    found, known = {str(name): rows for name, rows in groups.items()}, [*theme.current().labels, *KNOWN]
+    rest = theme.current().rest
+    order = sorted(found, key=lambda n: (n not in rest, known.index(n) if n in known else len(known), n))
+    return {name: found[name] for name in order}
+
+
+def lines(
+    methods: Mapping[str, Any], x: Slice, y: Slice, keep: Any, order: Any = None, failed: Any = None, **told: Any
+) -> list[Series]:  # fmt: skip
+    """A line a method: y over x in the rows to keep, by the order; crosses at the x of those that failed.
+
+    methods : as of `by_name`. keep, order, failed : of each row of the table.
+    """
+    found = []
+    for name, rows in methods.items():
+        mine = rows[keep[rows]]
+        mine = mine if order is None else mine[np.argsort(order[mine], kind="stable")]
+        crosses = () if failed is None else x[rows[failed[rows]]]
+        found.append(Series(name, x[mine], y[mine], crosses=crosses, **told))
+    return found
 
 
 def numbers(table: DataFrame, column: str) -> Slice:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,11 +19,8 @@ if TYPE_CHECKING:
 
 FONT_SIZE = 9.0  # of the charts as they are; the other sizes follow it, and margins are measured for it
 SMALLEST, LARGEST = 3.0, 40.0  # points, inches
-STYLE: Any = dict(
-    matplotlib.rc_params_from_file(
-        Path(__file__).parents[1] / "templates" / "charts.mplstyle", use_default_template=False
-    )
-)
+SHEET = Path(__file__).parents[1] / "templates" / "charts.mplstyle"
+STYLE: Any = dict(matplotlib.rc_params_from_file(SHEET, use_default_template=False))
 INK = STYLE["text.color"]
 LINES = ("lines.linewidth", "lines.markersize")
 SIZES = ("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize")
@@ -84,18 +81,14 @@ def asked(
     font_size: float | None, style: str | Path | Mapping[str, Any] | None, axes: Any = None,
 ) -> Theme:  # fmt: skip
     """The theme of these options, over what the user's own matplotlibrc or script sets."""
-    if isinstance(methods, str):
-        methods = parse_methods(methods)
-    labels = dict(methods) if isinstance(methods, Mapping) else {name: name for name in methods or ()}
+    found = parse_methods(methods) if isinstance(methods, str) else methods or ()
+    labels = dict(found) if isinstance(found, Mapping) else {name: name for name in found}
     settings = own_settings() | ({} if style is None else style_settings(style))
     if font_size is not None:
-        settings = {k: v for k, v in settings.items() if k not in SIZES} | {"font.size": checked_font_size(font_size)}
+        if not SMALLEST <= font_size <= LARGEST:
+            raise TcbenchError(f"A font size of {font_size:g} points is not between {SMALLEST:g} and {LARGEST:g}.")
+        settings = {k: v for k, v in settings.items() if k not in SIZES} | {"font.size": float(font_size)}
     return Theme(labels, settings, None if size is None else parse_size(size), axes)
-
-
-def of_type(chosen: Theme, points: float) -> Theme:
-    """The same in another size of type."""
-    return replace(chosen, settings={**chosen.settings, "font.size": points})
 
 
 def own_settings() -> dict[str, Any]:
@@ -110,26 +103,21 @@ def style_settings(style: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     from matplotlib import style as styles
 
     library: Any = styles.library
-    if isinstance(style, Mapping):
-        return _read("The style", lambda: matplotlib.RcParams(style))
-    if str(style) in library:
-        return dict(library[str(style)])
-    path = Path(style)
-    if not path.is_file():
-        raise TcbenchError(
-            f"{str(style)!r} is neither a file nor a style of matplotlib: {', '.join(styles.available)}."
-        )
-    return _read(repr(str(path)), lambda: matplotlib.rc_params_from_file(path, True, use_default_template=False))
-
-
-def _read(name: str, settings: Callable[[], Any]) -> dict[str, Any]:
+    given, name = isinstance(style, Mapping), "The style" if isinstance(style, Mapping) else repr(str(style))
     try:
-        found = {k: v for k, v in settings().items() if not k.startswith(("backend", "interactive", "toolbar"))}
+        found: Any = (
+            matplotlib.RcParams(style) if given else library[str(style)] if str(style) in library
+            else matplotlib.rc_params_from_file(style, True, use_default_template=False)
+        )  # fmt: skip
+    except OSError:
+        there = ", ".join(styles.available)
+        raise TcbenchError(f"{name} is neither a file nor a style of matplotlib: {there}.") from None
     except (KeyError, ValueError) as error:
         raise TcbenchError(f"{name} is no matplotlib style: {str(error).strip()[:300]}") from None
-    if not found:
+    settings = {k: v for k, v in found.items() if not k.startswith(("backend", "interactive", "toolbar"))}
+    if not settings:
         raise TcbenchError(f"{name} sets nothing that matplotlib knows; its lines are like `font.size: 8`.")
-    return found
+    return settings
 
 
 def parse_size(size: str | Sequence[float]) -> tuple[float, float]:
@@ -148,17 +136,9 @@ def parse_size(size: str | Sequence[float]) -> tuple[float, float]:
 def parse_methods(text: str) -> dict[str, str]:
     """ "tc_monolithic=TC,midpoint_entropy": names in order, with what to write for them."""
     found = {}
-    for item in re.split(r",(?![^\[]*\])", text):  # at commas outside brackets
-        end = item.rfind("]") + 1  # a name may hold an equals sign in its brackets
-        equals = item.find("=", end)
-        name, label = (item, item) if equals < 0 else (item[:equals], item[equals + 1 :])
-        found[name.strip()] = label.strip()
-    if not all(found) or not found:
+    for item in re.split(r",(?![^\[]*\])", text):  # at commas outside brackets, where a name may have an equals sign
+        name, _, label = re.fullmatch(r"((?:[^\[=]|\[[^\]]*\])*)(=?)(.*)", item).groups()  # type: ignore[union-attr]
+        found[name.strip()] = (label or name).strip()
+    if not all(found) or not all(found.values()):
         raise TcbenchError(f"{text!r}: write the methods as NAME,NAME=LABEL,...")
     return found
-
-
-def checked_font_size(value: float) -> float:
-    if not SMALLEST <= value <= LARGEST:
-        raise TcbenchError(f"A font size of {value:g} points is not between {SMALLEST:g} and {LARGEST:g}.")
-    return float(value)

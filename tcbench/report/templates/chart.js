@@ -99,7 +99,8 @@ const lines = (width, height, { series, toggled, beside, ...axes }) => {
     const group = drawnOf.get(one.name) || shape("g", { class: one.fore ? "fore" : "rest", style: `--own:${one.colour || colour(one.name)}` });
     const place = (p) => ({ ...p, name: one.name, px: X(p.x), py: Y(p.y) });
     const banded = one.fore ? (one.stepped ? corners(one.points) : one.points).filter((p) => known(p.low) && known(p.high)) : [];
-    if (banded.length > 1) {
+    if (one.dots) for (const p of banded) group.append(shape("line", { class: "range", x1: X(p.x), x2: X(p.x), y1: Y(p.low), y2: Y(p.high) }));
+    else if (banded.length > 1) {
       const back = [...banded].reverse().map((p) => ({ x: p.x, y: p.low }));
       group.append(shape("path", { class: "band", d: `${path([...banded.map((p) => ({ x: p.x, y: p.high })), ...back], X, Y)}Z` }));
     }
