@@ -60,7 +60,7 @@ class Series:
     x, y : sequence of float
         Of shape (n,) each, in the units of the axes; values that are not finite are left out.
     low, high : sequence of float
-        A band around the line, of shape (n,); () for none.
+        A band around the line, or bars where points are not joined, of shape (n,); () for none.
     crosses : sequence of float
         Positions on the x axis at which runs failed; NaN is drawn at its right end.
     text : str
@@ -264,7 +264,7 @@ class Chart:
     study : str
         The study that measures it.
     picture : bool
-        Whether `panels` returns a Figure, which is not drawn on the page.
+        Whether it is left out of the page, as what returns a Figure must be.
     plugin : str
         Filled in by the registry.
 

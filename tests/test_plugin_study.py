@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from tcbench import Chart, Panel, Row, Series, Study, TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.report import page_charts
-from tcbench.report.chart_kinds import draw_kind
+from tcbench.report.chart_kinds import draw_kind, kinds
 from tcbench.report.page_data import failures
 from tcbench.runner.cell import Cell
 from tcbench.runner.rows import Store
@@ -71,8 +71,8 @@ def test_the_study_is_measured_and_its_chart_is_on_the_page_and_a_picture(folder
 def test_charts_of_plugins_are_drawn_from_the_tables(folder):
     plugins.forget()
     plugins.use_folders([folder])
-    problems = []
-    assert list(page_charts.page_charts(read_tables(folder / "run"), {}, problems)) == ["halving"] and problems == []
+    found = page_charts.panels_of(kinds().values(), read_tables(folder / "run"), {}, problems := [])
+    assert list(found) == ["halving"] and problems == []
 
 
 def test_a_cell_is_measured_again_when_the_plugin_changes_and_only_then(folder):
