@@ -36,7 +36,7 @@ def provenance(command: Sequence[str] | None = None, packages: Sequence[str] = (
         "python": platform.python_version(),
         "implementation": platform.python_implementation(),
         "packages": versions(dict.fromkeys((*PACKAGES, *packages))),
-        "machine": machine(),
+        "machine": machine() | {"usable_cores": usable_cores()},
         "threads": {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ},
         "command": _command(sys.argv if command is None else command),
     }
@@ -59,14 +59,20 @@ def versions(names: Iterable[str] = NUMERICAL_PACKAGES) -> dict[str, str]:
 
 @lru_cache(maxsize=1)
 def machine() -> dict[str, Any]:
-    """CPU model, logical and usable cores, architecture and operating system; no host name."""
+    """CPU model, logical cores, architecture and operating system; no host name."""
     return {
         "cpu": cpu_model(),
         "cores": os.cpu_count(),
-        "usable_cores": usable_cores(),
         "architecture": platform.machine(),
         "system": platform.system(),
     }
+
+
+def usable_cores() -> int:
+    """The cores that this process may keep busy: its affinity, and the quota of its container."""
+    from loky import cpu_count
+
+    return int(cpu_count())
 
 
 def machine_name(kind: Any = None) -> str:
