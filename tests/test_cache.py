@@ -2,7 +2,6 @@
 
 import errno
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -41,12 +40,6 @@ def test_another_file_is_not_taken_for_this_one(place):
         cache.write("code", path.name, path.name.encode())
     one.write_bytes(two.read_bytes())
     assert cache.read("code", one.name) is None and cache.read("code", two.name) == two.name.encode()
-
-
-@posix
-def test_a_pipe_is_no_file_and_is_not_waited_for(place):
-    os.mkfifo(cache.folder("code") / NAMES[0], 0o600)
-    assert cache.read("code", NAMES[0]) is None
 
 
 @pytest.mark.parametrize("umask", [0o000, 0o002, 0o077, 0o777])
@@ -168,23 +161,3 @@ def test_nobody_minds_what_another_process_removes(place):
     running = [subprocess.Popen([sys.executable, "-c", USE, what], env=env, stderr=subprocess.PIPE, text=True)
                for what in ("use", "use", "prune", "clear", "remove")]  # fmt: skip
     assert [(process.communicate()[1], process.returncode) for process in running] == [("", 0)] * 5
-
-
-def test_a_folder_that_keeps_being_removed_keeps_nothing_and_stops_nobody(place, monkeypatch):
-    trust = cache._trust
-
-    def late(path):
-        monkeypatch.setattr(cache, "_trust", trust)
-        path.rmdir()  # somebody else, between the making and the look
-        trust(path)
-
-    monkeypatch.setattr(cache, "_trust", late)
-    assert cache.folder("code").is_dir()
-    write = cache._write
-
-    def written(path, content):
-        shutil.rmtree(path.parent)
-        write(path, content)
-
-    monkeypatch.setattr(cache, "_write", written)
-    assert cache.kept("code", NAMES[0], lambda: b"made") == b"made" and cache.read("code", NAMES[0]) is None

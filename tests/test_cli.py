@@ -15,7 +15,6 @@ from click.testing import CliRunner
 from command import tcbench
 
 from tcbench.cli import main
-from tcbench.files import written
 
 
 def process(*args, cwd=None):
@@ -52,16 +51,6 @@ def test_the_help_of_each_command_ends_with_examples_that_parse(tmp_path, monkey
             program, command, *words = shlex.split(line)
             assert (program, command) == ("tcbench", name) and f"  {line}\n" in shown
             main.commands[name].make_context(name, words)  # raises where an option or a value is unknown
-
-
-def test_the_help_of_plot_lists_the_kinds():
-    from click.testing import CliRunner
-
-    from tcbench.cli import main
-    from tcbench.report.chart_kinds import kinds
-
-    shown = CliRunner().invoke(main, ["plot", "--help"]).output
-    assert len(kinds()) > 10 and all(f"\n  {name} " in shown for name in kinds())
 
 
 def test_list_shows_integrators_with_claims_and_sources_without_compiling():
@@ -104,20 +93,6 @@ def test_a_trajectory_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     assert CliRunner().invoke(main, [*command, str(link)]).exit_code == 0
     assert link.is_symlink() and path.read_text().startswith("t,")
     assert CliRunner().invoke(main, [*command, os.devnull]).exit_code == 0 and not os.path.isfile(os.devnull)
-
-
-@pytest.mark.parametrize("stream", ["stdout", "stderr"])
-def test_a_table_into_the_own_output_leaves_what_is_there(tmp_path, monkeypatch, stream):
-    """--csv /dev/stdout > file took the place of the file, and the summary went with the old one."""
-    path, link = tmp_path / "all.txt", tmp_path / "link.csv"
-    link.symlink_to(path)
-    with path.open("w") as output:
-        monkeypatch.setattr(sys, stream, output)
-        output.write("before, ")
-        with written(link) as temporary:
-            temporary.write_text("the table, ")
-        output.write("after")
-    assert path.read_text() == "before, the table, after"
 
 
 def test_simulate_loads_nothing_that_it_does_not_need():
@@ -193,14 +168,6 @@ def test_what_a_run_leaves_out_or_cannot_read_is_said(tmp_path):
     assert "line 2: is damaged" in again.stderr
 
 
-def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path):
-    (tmp_path / "file").touch()
-    environment = os.environ | {"TCBENCH_CACHE_DIR": str(tmp_path / "file")}
-    command = [sys.executable, "-m", "tcbench", "simulate", "tc_strang", "short_term"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1 and "TCBENCH_CACHE_DIR" in done.stderr
-
-
 BAD = [
     (("run",), "Say what to run"),
     (("run", "-i", "tc_monolitic"), "Did you mean 'tc_monolithic'?"),
@@ -264,32 +231,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(args, sentence, tmp_path):
     assert done.stdout == "" and list(tmp_path.iterdir()) == []  # nothing half-written
 
 
-def test_a_process_of_its_own_says_and_returns_the_same():
-    done = process(*BAD[1][0])
-    assert (done.returncode, done.stdout) == (2, "") and done.stderr == tcbench(*BAD[1][0]).stderr
-
-
-def test_a_plugin_file_runs_beside_the_built_ins(tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "from tcbench import Integrator, hookimpl\n"
-        "def heun(z, h, system):\n"
-        "    k = system.vector_field(z)\n"
-        "    return z + h / 2 * (k + system.vector_field(z + h * k))\n"
-        "@hookimpl\n"
-        "def tcbench_integrators():\n"
-        "    return [Integrator(name='heun', order=2, step=heun)]\n"
-    )
-    chosen = ("-i", "heun", "-s", "bound_equilibrium", "--study", "conservation", "--dt", 0.05)
-    args = ("run", *chosen, "--plugins-dir", tmp_path, "-o", tmp_path / "out")
-    done = tcbench(*args, "--json")
-    assert done.returncode == 0 and json.loads(done.stdout)["statuses"] == {"ok": 1}
-
-
-def test_piped_output_is_plain_text():
-    done = process("list")
-    assert "\x1b" not in done.stdout and "\x1b" not in done.stderr
-
-
 def test_patterns_and_options_select_in_every_command(tmp_path):
     out = tmp_path / "results" / "latest"
     chosen = ("-i", "tc_st*", "-i", "midpoint_entropy", "-s", "short*", "--study", "conserv*", "--dt", 0.3)
@@ -334,13 +275,6 @@ def test_names_that_select_nothing_are_refused(args, sentence):
     assert done.returncode == 2 and sentence in done.stderr and done.stdout == ""
 
 
-def test_names_that_a_run_does_not_have_are_refused(tmp_path):
-    folder = Path(__file__).parent.parent / "results" / "baseline"
-    for args in (("show", folder, "-i", "tc_strong"), ("compare", folder, folder, "-s", "shortterm")):
-        done = tcbench(*args)
-        assert done.returncode == 2 and "Did you mean" in done.stderr
-
-
 def test_what_was_not_run_is_named_at_the_end(monkeypatch):
     from tcbench import plugins
     from tcbench.integrator import Integrator
@@ -366,21 +300,6 @@ def test_strict_ends_with_1_where_a_cell_crashed(tmp_path):
     args = ("run", "-i", "bad", "-s", "short_term", "--study", "conservation", "--dt", 0.3, "--plugins-dir", tmp_path)
     assert tcbench(*args, "-o", tmp_path / "a").returncode == 0
     assert tcbench(*args, "-o", tmp_path / "b", "--strict").returncode == 1
-
-
-def test_help_names_studies_kinds_and_environment():
-    assert "work_precision" in tcbench("run", "--help").stdout
-    assert "TCBENCH_PLUGINS_DIR" in tcbench("run", "--help").stdout
-    assert "TCBENCH_CACHE_DIR" in tcbench("--help").stdout
-    listed = tcbench("plot")
-    assert listed.returncode == 0 and "four-panel" in listed.stdout
-
-
-def test_the_default_folder_is_the_same_everywhere():
-    from tcbench import cli
-    from tcbench.runner import run
-
-    assert cli.LATEST == run.DEFAULT_OUTPUT
 
 
 def test_names_are_completed_in_the_shell():

@@ -41,18 +41,6 @@ def test_no_link_is_followed_for_the_lock(tmp_path):
     assert (tmp_path / "precious").read_text() == "data"
 
 
-@pytest.mark.parametrize("name", ["cells.jsonl", "manifest.json", "declared.json", "tables/claims.csv"])
-def test_a_pipe_in_place_of_a_file_is_not_waited_for(folder, name):
-    (folder / name).unlink(missing_ok=True)
-    os.mkfifo(folder / name)
-    if name == "cells.jsonl":
-        for use in (Store.read, Store.open):
-            with pytest.raises(TcbenchError, match="is no file"):
-                use(folder)
-    else:
-        compare(folder, BASELINE)
-
-
 def test_what_is_published_is_of_the_run_and_written_by_tcbench(folder, tmp_path):
     secret = tmp_path / "secret.py"
     secret.write_text("password = 1")
@@ -118,11 +106,6 @@ def test_output_that_cannot_be_written_is_a_sentence(end):
     assert (done.returncode, done.stderr.count("\n")) == ((2, 1) if "full" in end else (0, 0))
 
 
-def test_a_name_that_no_file_can_have_is_a_sentence(tmp_path):
-    done = tcbench("new", "system", "x" * 300, cwd=tmp_path)
-    assert done.returncode == 2 and "name too long" in done.stderr and "Traceback" not in done.stderr
-
-
 @pytest.mark.parametrize("words", [["show", "\0"], ["run", "-i", "tc_gauss", "-o", "a\0b", "--dry-run"]])
 def test_a_null_byte_is_a_sentence(words):
     done = CliRunner().invoke(main, words)
@@ -133,22 +116,6 @@ def test_a_damaged_provenance_is_an_unknown_machine(folder):
     (folder / "provenance").mkdir()
     (folder / "provenance" / "x.json").write_text(json.dumps({"machine": "x"}))
     assert "different machines" in other_machine(folder, BASELINE) and compare(folder, BASELINE).empty
-
-
-def test_a_terminal_of_ascii_gets_escapes(tmp_path):
-    env = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    done = tcbench("show", str(tmp_path / "\u00e9"), env=env)
-    assert done.returncode == 2 and "Traceback" not in done.stderr
-
-
-def test_a_link_to_itself_is_written_over_or_refused_in_a_sentence(folder, tmp_path):
-    """Path.resolve raises RuntimeError there where Python is older than 3.13."""
-    link = tmp_path / "loop"
-    link.symlink_to("loop")
-    done = CliRunner().invoke(main, ["publish", str(folder), "-o", str(link)])
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1) and link.is_symlink(), done.stderr
-    words = ["simulate", "tc_monolithic", "short_term", "--t-end", "1", "--csv", str(link)]
-    assert CliRunner().invoke(main, words).exit_code == 0 and link.read_text().startswith("t,")
 
 
 @pytest.mark.parametrize("value", [5, "x", None, [1], {"a": 5}, True, 10**400], ids=lambda v: str(v)[:9])

@@ -86,13 +86,6 @@ def test_what_is_wrong_is_named(named, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_a_solver_counts_is_a_mapping_or_its_run_says_so():
-    run = tcbench.simulate(
-        Integrator(name="a", adaptive=lambda s, z, t, rt, at: (np.tile(z, (len(t), 1)), z)), "short_term"
-    )
-    assert run.status == "exception" and "mapping of counts" in run.failure
-
-
 @pytest.mark.parametrize("jobs", [0, -1, float("nan"), 1.5])
 def test_a_number_of_jobs_is_a_whole_number(jobs, tmp_path):
     with pytest.raises(TcbenchError, match="jobs is"):
@@ -184,11 +177,6 @@ def test_a_dry_run_into_a_folder_without_a_run_and_a_fresh_one_say_that_all_is_t
     command(*ONE, "-q", "-o", tmp_path)
     assert "1 finished, 0 to run" in command(*ONE, "--dry-run", "-o", tmp_path).stdout
     assert "0 finished, 1 to run" in command(*ONE, "--dry-run", "--fresh", "-o", tmp_path).stdout
-
-
-def test_a_huge_record_every_keeps_the_first_state_and_the_last():
-    run = tcbench.simulate("tc_monolithic", "short_term", record_every=10**23, t_end=1.0)
-    assert len(run.t) == 2 and run.ok and np.isclose(run.t[-1], 1.0, atol=run.dt)
 
 
 def test_all_values_of_one_parameter_leave_the_others_alone():

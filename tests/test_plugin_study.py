@@ -15,11 +15,10 @@ from click.testing import CliRunner
 from tcbench import Chart, Panel, Row, Series, Study, TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.report import page_charts
-from tcbench.report.chart_kinds import draw_kind, kinds
-from tcbench.report.page_data import failures
+from tcbench.report.chart_kinds import draw_kind
 from tcbench.runner.cell import Cell
 from tcbench.runner.rows import Store
-from tcbench.runner.tables import make_tables, read_tables
+from tcbench.runner.tables import make_tables
 
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]
@@ -66,13 +65,6 @@ def test_the_study_is_measured_and_its_chart_is_on_the_page_and_a_picture(folder
     done = command("plot", "halving", folder / "run", "--plugins-dir", folder, "-o", picture)
     assert done.exit_code == 0, done.output
     assert "steps of a run" in picture.read_text()
-
-
-def test_charts_of_plugins_are_drawn_from_the_tables(folder):
-    plugins.forget()
-    plugins.use_folders([folder])
-    found = page_charts.panels_of(kinds().values(), read_tables(folder / "run"), {}, problems := [])
-    assert list(found) == ["halving"] and problems == []
 
 
 def test_a_cell_is_measured_again_when_the_plugin_changes_and_only_then(folder):
@@ -156,18 +148,6 @@ def test_a_chart_that_cannot_be_drawn_is_a_sentence(panels):
         draw_kind(Chart("mine", "", ("t",), panels), {"t": pd.DataFrame({"a": [1]})})
 
 
-def test_a_word_in_the_place_of_words_is_not_taken_letter_by_letter():
-    with pytest.raises(TcbenchError, match=r"The chart 'mine': needs is a tuple of words, .* not 'table'"):
-        Chart("mine", "", "table", lambda table: [])
-
-
-def test_a_chart_whose_function_raises_names_its_line():
-    with pytest.raises(
-        TcbenchError, match=r"'mine' cannot be drawn: ZeroDivisionError: .* at test_plugin_study.py:\d+"
-    ):
-        draw_kind(Chart("mine", "", ("t",), lambda table: 1 / 0), {"t": pd.DataFrame({"a": [1]})})
-
-
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
@@ -217,14 +197,6 @@ def test_names_that_are_taken_or_none_are_refused(tmp_path, old, new, words, tol
     assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output
 
 
-def test_what_one_plugin_registers_twice_is_not_blamed_on_two(tmp_path):
-    (tmp_path / "mine.py").write_text(
-        SOURCE.replace("    return [\n        Study(", "    return 2 * [\n        Study(")
-    )
-    done = command("list", "--plugins-dir", tmp_path)
-    assert done.exit_code == 2 and "mine registers study 'halving' twice. Rename one" in done.output
-
-
 @pytest.mark.parametrize(
     ("made", "told"),
     [
@@ -263,13 +235,6 @@ def test_the_report_says_on_the_terminal_which_chart_it_lacks(folder, tmp_path):
     assert done.exit_code == 0 and "The chart 'halving' is not on the page: ZeroDivisionError" in done.stderr
 
 
-def test_failures_of_a_plugins_study_are_on_the_page():
-    """Where only such a study had run, the page said that no method fails."""
-    rows = [("a", "s", "exception", "boom"), ("a", "s", "crash", "bang"), ("a", "s", "ok", ""), ("a", "t", "ok", "")]
-    tables = {"mine": pd.DataFrame(rows, columns=["integrator", "scenario", "status", "failure"])}
-    assert failures(tables) == {"a": {"s": [2, 3, "mine of a on s: boom", {"x": 2}]}}
-
-
 def test_steps_that_a_study_does_not_take_are_told(tmp_path):
     """They were ignored without a word."""
     words = [
@@ -292,19 +257,3 @@ def test_steps_that_a_study_does_not_take_are_told(tmp_path):
         assert ("--dt does not apply to studies that have steps of their own: halving." in done.stderr) == own
         steps = pd.read_csv(tmp_path / "run" / "tables" / "halving.csv")["dt"].tolist()
         assert steps == ([0.15, 0.3] if own else [0.5])
-
-
-def test_of_methods_that_the_folder_describes_it_is_not_said_that_they_are_unknown(tmp_path):
-    """The page is the same to the byte without the plugin; the command said that it lacked claims and trajectories."""
-    (tmp_path / "mine.py").write_text(
-        "from tcbench import Integrator, hookimpl\n\n\ndef mine(z, h, system):\n    return z\n\n\n@hookimpl\n"
-        "def tcbench_integrators():\n    return [Integrator(name='mine', order=1, claims={'energy'}, step=mine)]\n"
-    )
-    words = ["run", "-i", "mine", "-s", "short_term", "--study", "conservation", "--dt", "0.3", "--report", "-j", "1"]
-    command(*words, "--plugins-dir", tmp_path, "-o", tmp_path / "run")
-    page = (tmp_path / "run" / "report.html").read_bytes()
-    done = command("report", tmp_path / "run")
-    assert done.exit_code == 0 and "Without claims" not in done.stderr
-    assert (tmp_path / "run" / "report.html").read_bytes() == page
-    (tmp_path / "run" / "declared.json").unlink()
-    assert "Without claims, which nothing here tells: mine." in command("report", tmp_path / "run").stderr

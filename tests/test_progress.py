@@ -111,15 +111,6 @@ def test_a_run_of_any_method_says_how_far_it_is(method, told, monkeypatch):
     assert LINES[-1].startswith(told)
 
 
-def test_the_wait_ends_with_its_block_by_an_error_too(capsys):
-    with pytest.raises(KeyboardInterrupt), progress.waiting("digging", True):
-        until_drawn(1)
-        raise KeyboardInterrupt
-    count = len(capsys.readouterr().err.splitlines())
-    time.sleep(0.2)
-    assert count >= 1 and capsys.readouterr().err == "" and progress._open is None
-
-
 def test_jupyter_gets_a_bar_that_is_updated(monkeypatch):
     shown = []
     handle = types.SimpleNamespace(update=lambda data, raw: shown.append(data))
@@ -154,15 +145,6 @@ def test_alarming_failures_are_printed_as_they_come_the_first_five(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_one_sentence_of_a_method_on_a_scenario_is_printed_once(capsys):
-    """A method that fails alike at three tolerances was told three times, of the five that are told."""
-    with progress.of_cells(True) as tell:
-        for k, text in enumerate(["dead", "dead", "ill", "dead"]):
-            tell(Event("failed", cell(), {"status": "crash", "failure": text}, k, k, 9, 1))
-    err = capsys.readouterr().err
-    assert (err.count("dead"), err.count("ill")) == (1, 1) and "... and 2 more failures of this kind" in err
-
-
 def test_run_from_python_is_silent_in_a_pipe_and_speaks_when_asked(tmp_path, capsys):
     chosen = {"integrators": ["tc_strang"], "scenarios": ["short_term"], "studies": ["conservation"], "dt": [0.3]}
     tcbench.run(**chosen, output=tmp_path / "a")
@@ -192,30 +174,6 @@ def test_on_a_terminal_there_is_a_bar_from_python(tmp_path):
         assert process.stdout.read() == b""
     assert process.returncode == 0 and re.search(r"\d s so far", text)
     assert "starting workers" in text or "conservation" in text
-
-
-PLUGIN = """
-import time
-from tcbench import hookimpl
-
-@hookimpl
-def tcbench_integrators():
-    time.sleep(3)
-    return []
-"""
-
-
-@pytest.mark.thorough
-def test_the_command_line_says_in_a_pipe_that_plugins_take_long_to_load(tmp_path):
-    (tmp_path / "slow.py").write_text(PLUGIN)
-    command = [sys.executable, "-m", "tcbench", "list", "--json", "--plugins-dir", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "loading plugins" in done.stderr and done.stdout.startswith("{")
-
-
-def test_nothing_is_said_of_the_time_left_without_ground_for_it(capsys):
-    wait(True, 2, done=3, total=301)
-    assert " left" not in capsys.readouterr().err
 
 
 def of(study, name, number, timed=False):

@@ -38,16 +38,6 @@ def test_no_name_and_no_number_is_broken_and_what_has_no_room_is_named(monkeypat
     assert all(head in text.partition(terminal.TOO_NARROW)[2] for head in left_out)
 
 
-def test_columns_without_a_name_go_one_after_the_other():
-    """Of a single run nothing was left on a terminal of 50 columns: all its columns are called ""."""
-    screen = Console(width=40, file=io.StringIO())
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(terminal, "console", lambda: screen)
-        screen.print(terminal.make_table("", ["", "", "", ""], [["angular_momentum_error_max", "1e-14", "a" * 30, ""]]))
-    text = screen.file.getvalue()
-    assert "angular_momentum_error_max" in text and "1e-14" in text and terminal.TOO_NARROW not in text
-
-
 def test_a_pipe_has_every_column_on_one_line(capsys):
     terminal.put(terminal.make_table("", HEADS, ROWS * 40))
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith(tuple(NAMES))]
@@ -88,9 +78,3 @@ def test_the_conservation_table_has_every_invariant_and_metric_and_no_empty_colu
     run = awkward.write_run(tmp_path / "run", {"conservation": table})
     head = CliRunner().invoke(main, ["show", str(run), "--table", "conservation"]).output.splitlines()[2]
     assert "casimir_error_max" in head and "hottest" in head and "|dJ|/J" not in head
-
-
-def test_control_characters_do_not_reach_latex():
-    from tcbench.report.latex import text
-
-    assert text("a\x1b[2J\x00b\r_c") == r"a [2J b \_c"

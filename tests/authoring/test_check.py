@@ -251,28 +251,6 @@ def test_files_that_do_not_load_or_bring_nothing_fail_with_a_remedy(tmp_path):
         assert done.exit_code == 1 and words in done.stdout and "->" in done.stdout
 
 
-def test_what_brings_no_method_and_no_scenario_brings_something(tmp_path):
-    """Files with studies, charts or families of scenarios alone were said to implement no hook."""
-    family = """
-import tcbench
-@tcbench.hookimpl
-def tcbench_scenarios():
-    make = lambda k: tcbench.scenarios()["short_term"].replace(name=f"softer[k={k}]", coupling=float(k))
-    return [tcbench.ScenarioFamily("softer", make, {"k": "0.1"}, shows="one", source="a test")]
-"""
-    chart = """
-import tcbench
-@tcbench.hookimpl
-def tcbench_charts():
-    return [tcbench.Chart("mine", "Mine.", ("conservation",), lambda table: [])]
-"""
-    for name, text, told in (("fam", family, "scenario softer[k=0.1]"), ("pic", chart, "brings chart mine")):
-        plugins.forget()
-        (path := tmp_path / f"{name}.py").write_text(text)
-        done = command(str(path), "--only", "metadata")
-        assert done.exit_code == 0 and told in done.stdout, done.output
-
-
 def test_a_formula_for_elements_alone_is_told_on_one_line_what_every_system_has():
     """It traced on the first scenario; each of six lines then failed on the first system without elements."""
 
@@ -298,11 +276,6 @@ def test_a_formula_with_which_a_run_fails_is_asked_whether_it_is_consistent(monk
     monkeypatch.setattr(check, "_runs_alone", lambda *given: failed)
     *_, found, rest = check.integrator_lines(made(flows=wrong_sign))
     assert found.check == "consistent" and "Look for a wrong sign" in found.remedy and rest == check.DOES_NOT_RUN
-
-
-def test_a_formula_that_cannot_be_traced_is_told_of_once():
-    found = list(check.integrator_lines(made(flows=lambda z0, z1, h, system: system.vectorfield(z1))))
-    assert [line.check for line in found if line.verdict == check.FAIL] == ["runs"]
 
 
 def test_lines_come_as_they_are_known_and_only_some_if_asked(tmp_path, monkeypatch):

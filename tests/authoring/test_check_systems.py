@@ -191,11 +191,6 @@ def test_a_reference_temperature_may_be_the_name_of_a_constant():
         type("Wrong", (Right,), {"reference_temperature": "warm"})
 
 
-def test_a_rate_is_written_once():
-    with pytest.raises(TcbenchError, match=r"has irreversible\(\) and friction\(\), which say the same"):
-        type("Wrong", (Right,), {"friction": ByMatrices.friction})
-
-
 def misspelt(self, z, dE, dS):
     return {"q": dE.p, "p": -dE.q}
 
@@ -224,12 +219,6 @@ def test_what_does_not_move_and_what_nothing_reads_is_told():
     kind = type("Unread", (Right,), {"irreversible": lambda self, z, dE, dS: {"p": -dE.p, "s": dE.p @ dE.p / dE.s}})
     (line,) = (line for line in lines_of(kind) if line.check == "formulas")
     assert line.verdict == check.OK and "none reads eta" in line.found
-
-
-def test_a_constant_that_is_0_is_not_said_to_be_unread():
-    """Zeros are traced as 0, so that no text has them: a damping that is switched off, a wall at the origin."""
-    (line,) = (line for line in lines_of(Right, eta=0.0) if line.check == "formulas")
-    assert line.verdict == check.OK and "none reads" not in line.found
 
 
 @pytest.mark.parametrize(

@@ -57,12 +57,6 @@ def test_a_claim_that_no_system_has_is_not_passed_as_measured():
     assert found.verdict == check.NONE and "metadata" in found.found
 
 
-def test_wrong_metadata_is_named_with_the_nearest_right_one():
-    found = contract.metadata(made(flows=implicit_midpoint, claims={"angular_momentun"}))
-    assert found.verdict == check.FAIL and "'angular_momentum'" in found.remedy
-    assert contract.metadata(made(flows=implicit_midpoint, source="")).verdict == check.FAIL
-
-
 def test_a_memory_that_only_a_restart_shows_is_found():
     def step(z, h, system, memory=[None, 0]):  # noqa: B006  (the fault)
         memory[:] = [np.array(z), memory[1] + 1 if memory[0] is not None and np.allclose(z, memory[0], atol=1) else 0]

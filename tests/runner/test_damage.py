@@ -1,6 +1,5 @@
 """What the machine does to a run is not the methods' fault: full disks, damaged caches, other processors."""
 
-import json
 import os
 import subprocess
 import sys
@@ -10,10 +9,9 @@ import pytest
 
 import tcbench
 from tcbench import Integrator, cache
-from tcbench.runner.rows import Store, is_finished
+from tcbench.runner.rows import Store
 
 SCRIPT = Path(sys.executable).with_name("tcbench")
-posix = pytest.mark.skipif(os.name == "nt", reason="limits of file sizes are POSIX")
 BOOKKEEPING = ("cell_time_s", "wall_time_s", "shared_runs", "us_per_step", "shuffle_order", "samples")
 
 
@@ -58,20 +56,6 @@ def test_a_full_disk_is_no_final_row(tmp_path, monkeypatch):
     assert again.summary.run == 1
 
 
-@pytest.mark.thorough
-@posix
-def test_a_cache_without_room_ends_in_a_sentence_and_the_next_run_measures(tmp_path):
-    cache = tmp_path / "cache"
-    limited = f"ulimit -f 4; exec {SCRIPT} run -i tc_monolithic -s short_term --study conservation --dt 0.3 -o out"
-    # Python would leave byte code cut at the limit beside the sources, for every later process to stumble over
-    env = os.environ | {"TCBENCH_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(["bash", "-c", limited], cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert "Traceback" not in done.stderr, done.stderr
-    assert not any(map(is_finished, Store.read(tmp_path / "out").rows().values()))
-    healthy = run(tmp_path, "out", methods=["tc_monolithic"], cache=cache)
-    assert healthy.returncode == 0 and rows(tmp_path / "out")["tc_monolithic"]["status"] == "ok", healthy.stderr
-
-
 def damages(content):
     """Ways in which a file may be damaged: cut, empty, a bit flipped, eight bytes, noise, other text."""
     middle = len(content) // 2
@@ -94,34 +78,3 @@ def test_a_damaged_cache_heals(tmp_path):
         done = run(tmp_path, f"damaged{number}", cache=cache)
         assert done.returncode == 0, done.stderr
         assert lasting(tmp_path / f"damaged{number}") == lasting(tmp_path / "clean"), number
-
-
-@pytest.mark.thorough
-def test_the_same_key_gives_the_same_bits_whatever_the_worker_ran_before(tmp_path):
-    """tc_monolithic after tc_gauss, and by itself: two workers in two orders, two empty caches."""
-    orders = (["tc_gauss", "tc_strang", "tc_monolithic"], ["tc_monolithic", "tc_strang", "tc_gauss"])
-    for number, methods in enumerate(orders):
-        for name in methods[::2]:  # one process after the other fills the cache in this order
-            assert run(tmp_path, f"apart{number}", methods=[name], cache=tmp_path / f"cache{number}").returncode == 0
-        together = run(tmp_path, f"together{number}", "-j", "1", methods=methods, cache=tmp_path / f"other{number}")
-        assert together.returncode == 0
-    found = [lasting(tmp_path / f"{kind}{number}") for kind in ("apart", "together") for number in (0, 1)]
-    for name in methods:
-        assert len({one[name] for one in found if name in one}) == 1, json.dumps(found, indent=1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("target", ["x86-64", "x86-64-v3"])
-def test_other_processors_have_kernels_of_their_own_in_one_cache(tmp_path, target):
-    import platform
-
-    if platform.machine() not in ("x86_64", "AMD64"):
-        pytest.skip("the names of these processors are those of x86-64")
-    cache = tmp_path / "cache"
-    assert run(tmp_path, "host", cache=cache).returncode == 0
-    done = run(tmp_path, "plain", cache=cache, TCBENCH_TARGET=target)
-    assert done.returncode == 0, done.stderr
-    assert run(tmp_path, "again", cache=cache).returncode == 0
-    assert lasting(tmp_path / "again") == lasting(tmp_path / "host")
-    for row in rows(tmp_path / "plain").values():
-        assert row["status"] == "ok" and row["energy_error_max"] < 1e-12

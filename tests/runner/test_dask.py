@@ -110,30 +110,10 @@ def test_a_cluster_gives_the_same_table_though_a_worker_is_killed_on_the_way(das
     assert all(row["worker_host_cpu"] for row in stored.rows().values())
 
 
-def test_no_scheduler_is_said_with_the_remedy(monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT_LIMIT_S", 1.0)
-    with pytest.raises(TcbenchError, match=r"No Dask scheduler answers at .* Start one with `dask scheduler`"):
-        run_on_dask(cells(), MEASURE, {}, Rows(), "tcp://127.0.0.1:9")  # the discard port: nobody listens
-
-
 def test_without_dask_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(TcbenchError, match=r"pip install 'tcbench\[cluster\]'"):
         run_on_dask(cells(), MEASURE, {}, Rows(), "tcp://127.0.0.1:9")
-
-
-def test_tls_options_reach_dask(monkeypatch):
-    seen = {}
-
-    def client(address, security, **_):
-        seen.update(security.get_connection_args("client"), address=address)
-        raise OSError("stop here")
-
-    monkeypatch.setattr("distributed.Client", client)
-    monkeypatch.setattr(cluster, "knock", lambda address: None)
-    with pytest.raises(TcbenchError, match="stop here"):
-        run_on_dask(cells(), MEASURE, {}, Rows(), "tls://127.0.0.1:9", security={"require_encryption": True})
-    assert seen["require_encryption"] is True and seen["address"].startswith("tls://")
 
 
 def test_a_share_that_keeps_being_lost_ends_as_rows_of_its_own_cells():

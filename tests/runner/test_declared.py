@@ -1,11 +1,9 @@
 """What a run folder says of its methods and scenarios, so that a report needs no plugins."""
 
-import numpy as np
 import pytest
 
 import tcbench
 import tcbench.runner.rows
-from tcbench import ElementSystem
 from tcbench.runner import declared
 
 
@@ -19,41 +17,6 @@ def test_every_method_is_told_with_its_family_claims_and_formula():
     assert told["tc_strang"]["description"].startswith("TC Strang")  # whose formulas stand in another plugin's file
     assert told["tc_staggered"]["formula"].count("def ") == 2
     assert told["tc_strang"]["claims"] == ["angular_momentum", "energy", "entropy"]
-
-
-def test_springs_in_the_plane_are_found_and_other_elements_are_not():
-    assert declared.links(tcbench.scenarios()["short_term"].model) == [[0, 1], [1, 2]]
-    assert declared.links(tcbench.scenarios()["gas_containers"].model) == []
-
-
-class Triangle(ElementSystem):
-    """Two masses, three springs: each mass to the origin and one to the other."""
-
-    name = "triangle"
-    n_positions, n_elements = 4, 3
-    constants = {"reference_temperature": ()}
-
-    def inertia(self):
-        return np.ones(4)
-
-    def shape(self, q):
-        a, b = q[:2], q[2:]
-        return np.array([(b - a) @ (b - a), a @ a, b @ b])
-
-    def element_energy(self, pi, s):
-        return pi + np.exp(s)
-
-    def conduction(self, theta):
-        return 0 * theta
-
-    def entropies(self, q, theta):
-        return np.log(theta)
-
-
-def test_the_springs_of_a_users_own_system_are_found_in_their_order():
-    start = {"positions": (1, 0, 0, 1), "momenta": (0, 0, 0, 0), "temperatures": (1, 1, 1)}
-    scenario = tcbench.Scenario("mine", Triangle, {"reference_temperature": 1}, **start, t_end=1, dt=0.1)
-    assert declared.links(scenario.model) == [[1, 2], [0, 1], [0, 2]]
 
 
 def test_a_folder_keeps_what_earlier_runs_declared(tmp_path):

@@ -114,43 +114,12 @@ def test_what_a_hook_raises_is_that_plugins_failure(tmp_path, how):
     assert "good" in {i["name"] for i in listed["integrators"]}
 
 
-def test_what_an_import_or_the_values_of_a_parameter_raise_is_that_plugins_failure(tmp_path):
-    plugin(tmp_path / "importing.py", before="raise BaseException('no')")
-    (tmp_path / "valued.py").write_text(
-        "from tcbench import Integrator, family, hookimpl\n"
-        "def make(of='a'):\n    return Integrator(name='valued', order=1, step=lambda z, h, system: z)\n"
-        "@hookimpl\ndef tcbench_integrators():\n    return [family(make, of=lambda known: 1 / 0)]\n"
-    )
-    plugins.use_folders([tmp_path])
-    assert {o.name for o in plugins.registry().broken} == {"importing", "valued"}
-    assert "tc_monolithic" in plugins.integrators() and "valued" not in plugins.integrators()
-
-
-def test_a_message_with_half_of_a_surrogate_pair_costs_nobody_a_table(tmp_path):
-    plugin(tmp_path / "torn.py", step="raise ValueError('sur ' + chr(0xd800) + ' end')")
-    done = run("-i", "torn", "-i", "tc_monolithic", "--plugins-dir", ".", "--report", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "sur \\ud800 end" in (tmp_path / "out" / "tables" / "conservation.csv").read_text()
-    again = run("-i", "torn", "-i", "tc_monolithic", "--plugins-dir", ".", cwd=tmp_path)
-    assert again.returncode == 0 and "0 cells" in again.stdout
-
-
 def test_an_output_folder_that_is_deleted_during_the_run_ends_it_with_a_sentence(tmp_path):
     erase = f"import shutil; shutil.rmtree({str(tmp_path / 'out')!r}, ignore_errors=True)"
     plugin(tmp_path / "p" / "eraser.py", step=erase)
     done = run("-i", "eraser", "--plugins-dir", "p", cwd=tmp_path)
     assert done.returncode == 2 and "was deleted or replaced while the run" in done.stderr, done.stdout
     assert "Traceback" not in done.stderr and not (tmp_path / "out" / "tables").exists()
-
-
-def test_a_complex_result_is_refused_not_cut(tmp_path):
-    plugin(tmp_path / "p" / "complexly.py", step="return z + 1j")
-    assert run("-i", "complexly", "--plugins-dir", "p", "--strict", cwd=tmp_path).returncode == 1
-    row = rows(tmp_path / "out")["complexly"]
-    assert row["status"] == "exception" and "complex numbers were returned" in row["failure"]
-    # those that were finished before count, too
-    assert run("-i", "complexly", "--plugins-dir", "p", "--strict", cwd=tmp_path).returncode == 1
-    assert run("-i", "complexly", "--plugins-dir", "p", cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")

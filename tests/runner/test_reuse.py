@@ -195,15 +195,6 @@ def test_what_a_session_has_changed_of_an_imported_system_is_not_measured_by_wor
     monkeypatch.undo()
 
 
-def test_a_system_made_inside_a_function_runs(tmp_path):
-    class Local(springs().system):
-        name = "local"
-
-    scenario = replace(springs(), system=Local, name="local")
-    results = tcbench.run(["tc_monolithic"], [scenario], ["conservation"], tmp_path, dt=[0.3])
-    assert results.statuses == {"ok": 1}
-
-
 def test_files_of_the_user_in_the_folder_stay_as_they_are(tmp_path):
     """Each .csv and .parquet in tables/ was deleted that no study makes."""
     kept = {"tables/mine.csv": "a,b\n1,2\n", "notes.txt": "mine", "tables/notes.parquet": "mine"}

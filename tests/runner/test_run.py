@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tcbench
-from tcbench import Integrator, TcbenchError
+from tcbench import Integrator
 
 
 def heun(z, h, system):
@@ -27,13 +27,6 @@ def test_run_takes_names_objects_and_variants(tmp_path):
     assert table.loc["tc_monolithic", "steps"] == direct.steps == 30
     assert table.loc["heun", "energy_error_max"] > 1e-9 > table.loc["tc_monolithic", "energy_error_max"]
     assert (tmp_path / "mine" / "tables" / "conservation.csv").exists()
-
-
-def test_two_scenarios_of_one_name_are_refused(tmp_path):
-    scenario = tcbench.scenarios()["short_term"]
-    with pytest.raises(TcbenchError, match="same name"):
-        tcbench.run(["tc_monolithic"], [scenario, scenario.replace(t_end=5.0)], output=tmp_path / "x")
-    assert not (tmp_path / "x").exists()
 
 
 def test_every_column_of_the_conservation_table_is_there(tmp_path):

@@ -114,35 +114,10 @@ def test_a_module_that_kills_the_worker_on_import_becomes_rows_and_no_endless_re
     assert 1 <= len(started.read_text()) <= START_ATTEMPTS + 2  # the two slots start side by side
 
 
-def test_a_measure_that_cannot_be_imported_becomes_rows():
-    store = Rows()
-    assert run_cells(good_cells(5), "no_such_module:measure", {}, store, jobs=2).statuses == {"exception": 5}
-    assert {row["exception_type"] for row in store.rows().values()} == {"ModuleNotFoundError"}
-
-
 def test_importing_the_measuring_code_is_not_counted_as_the_cells_time(tmp_path, monkeypatch):
     (tmp_path / "slow.py").write_text("import time\ntime.sleep(1.0)\ndef measure(cell, context):\n    return {}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     assert run_cells(good_cells(3), "slow:measure", {}, Rows(), jobs=1, timeout=0.5).statuses == {"ok": 3}
-
-
-@posix
-def test_a_script_without_a_main_guard_runs_once(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from tcbench.runner.scheduler import run_cells\nfrom tcbench.runner.cell import Cell\n"
-        "from tcbench.runner.rows import Rows\n"
-        "print(run_cells([Cell('s', 'good', 'x')], 'faults:measure', {}, Rows(), jobs=1).statuses['ok'])\n"
-    )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "helpers")])}
-    done = subprocess.run([sys.executable, str(script)], env=environment, capture_output=True, text=True, timeout=1800)
-    assert (done.stdout, done.stderr) == ("1\n", "")
-
-
-@pytest.mark.parametrize("limits", [{"jobs": 0}, {"timeout": 0.0}, {"memory_limit": 1000}, {"measure": "nothing"}])
-def test_limits_that_make_no_sense_are_refused(limits):
-    with pytest.raises(TcbenchError):
-        run_cells(good_cells(1), limits.pop("measure", MEASURE), {}, Rows(), **limits)
 
 
 # -- timed cells, events, plan

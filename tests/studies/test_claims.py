@@ -1,25 +1,18 @@
 """The ledger is true: every verdict follows from a measurement, and a false one is noticed."""
 
-import shlex
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from hypothesis import given
-from hypothesis import strategies as st
 
 import tcbench
 from tcbench import plugins
 from tcbench.analysis import theorems
-from tcbench.analysis.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA, LedgerRow, admissible_states, turned
-from tcbench.cli import main
+from tcbench.analysis.theorems import CONTRADICTS, HOLDS, NOT_WITH_DATA
 from tcbench.simulation.run import simulate
-from tcbench.studies import claims
 from tcbench.studies import paper_claims as ledger
 from tcbench.studies.claims import STUDY, measure, plan, tabulate
 
-VERDICTS = {HOLDS, NOT_WITH_DATA, CONTRADICTS}
 # the table of docs/truth.md, statement by statement: what is known not to hold, and why it is of its kind
 KNOWN = {
     "midpoint_temperature blows up at t = 12 in example 1, h = 0.3": NOT_WITH_DATA,
@@ -56,43 +49,6 @@ def test_verdicts_are_those_of_the_ledger(table):
     found = dict(zip(table.claim, table.verdict, strict=True))
     assert len(found) == len(table) >= 60
     assert {claim: verdict for claim, verdict in found.items() if verdict != HOLDS} == KNOWN
-
-
-def test_every_row_has_expectation_measurement_reason_and_command(table):
-    assert set(table.verdict) == VERDICTS
-    for name in ("claim", "section", "expected", "measured", "why", "command"):
-        assert table[name].str.len().min() > 2, name
-    assert table.why.str.endswith(".").all()
-    assert list(table.columns[: len(claims.CLAIMS.names)]) == claims.CLAIMS.names
-
-
-def test_numbers_of_the_ledger_are_those_of_physics(table):
-    measured = dict(zip(table.claim, table.measured, strict=True))
-    blow_up = measured["midpoint_temperature blows up at t = 12 in example 1, h = 0.3"]
-    assert "E 421.6 -> 424.1" in blow_up and "runs to t = 25" in blow_up
-    assert "runs to t = 26" in measured["tc_monolithic runs example 1 with h = 2"]
-    assert "of 910" in measured["midpoint_entropy: E falls and temperatures tend to zero in example 2"]
-    assert "runs to t = 500" in measured["midpoint_temperature fails after 28 steps in example 2"]
-
-
-def test_every_command_runs(table):
-    """Each `tcbench simulate` of the table, and each `tcbench run` names integrators and scenarios that exist."""
-    for line in sorted(set(table.command)):
-        program, verb, *words = shlex.split(line)
-        assert program == "tcbench" and verb in ("simulate", "run"), line
-        if verb == "simulate":
-            result = CliRunner().invoke(main, [verb, *words, "--json"])
-            assert result.exit_code == 0, (line, result.output)
-        else:
-            options = dict(zip(words[::2], words[1::2], strict=True))
-            assert options["--study"] in ("claims", "convergence", "equilibrium")
-            assert plugins.find_integrator(options["-i"]) and options["-s"] in tcbench.scenarios()
-
-
-@given(agrees=st.booleans(), impossible=st.booleans())
-def test_the_verdict_is_a_function_of_the_measurement(agrees, impossible):
-    finding = LedgerRow("", "", "", "", agrees, "", "", impossible=impossible)
-    assert finding.verdict == (HOLDS if agrees else CONTRADICTS if impossible else NOT_WITH_DATA)
 
 
 def verdicts(findings):
@@ -193,24 +149,6 @@ def test_turns_are_those_that_a_figure_shows():
     assert ledger._turns(np.exp(-t) + 1e-3 * np.sin(5 * t)) == 0  # falls, with a ripple of a thousandth
 
 
-def test_random_states_are_admissible_repeatable_and_varied():
-    scenario = tcbench.scenarios()["short_term"]
-    first, again = (admissible_states(scenario, np.random.default_rng(1)) for _ in range(2))
-    states = [next(first) for _ in range(50)]
-    assert all(np.array_equal(z, next(again)) for z in states)
-    assert min(scenario.model.temperatures(z).min() for z in states) > 0
-    spread = np.ptp([scenario.model.temperatures(z) for z in states], axis=0)
-    assert np.all(spread > 100)  # from about 200 to 600
-
-
-def test_turning_keeps_energy_and_momentum():
-    scenario = tcbench.scenarios()["short_term"]
-    z = turned(scenario.z0, 1.2)
-    assert scenario.model.energy(z) == pytest.approx(scenario.model.energy(scenario.z0), rel=1e-14)
-    assert scenario.model.momenta(z) == pytest.approx(scenario.model.momenta(scenario.z0), rel=1e-13)
-    assert np.abs(z - scenario.z0).max() > 0.5
-
-
 def groups(cells):
     return {(method.name, scenario.name, options["group"]) for method, scenario, options in cells}
 
@@ -237,21 +175,6 @@ def test_a_group_that_could_not_be_measured_keeps_a_row_without_a_verdict():
     row = tabulate([bad])["claims"].iloc[0]
     assert (row.claim, row.verdict, row.why) == ("order: not measured", "", "late")
     assert set(tabulate([bad])) == set(STUDY.table_names)
-
-
-def test_what_collocation_claims_of_a_step_holds_at_long_steps_too():
-    """A step that is solved from one start and halved from the same start turned is another method's: found in a run's
-    page, where no property test at a short step had met it."""
-    found = verdicts(theorems.steps(tcbench.integrators()["tc_gauss"], tcbench.scenarios()["short_term"]))
-    assert found["a step commutes with rotations"] == HOLDS
-
-
-def test_a_method_that_claims_nothing_of_a_system_has_no_cell_there():
-    """gauss2 keeps momenta, of which a rigid body has none: its steps would be a cell without a row."""
-    cells = plan(methods("gauss2", "tc_strang"), scenarios("rigid_body"), {})
-    assert [(method.name, options["group"]) for method, _, options in cells] == [
-        ("tc_strang", "operators"), ("tc_strang", "steps"),
-    ]  # fmt: skip
 
 
 def test_round_off_of_a_momentum_is_that_of_its_terms():

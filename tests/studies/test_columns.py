@@ -8,16 +8,11 @@ import pytest
 
 from tcbench import Column, Table, TcbenchError
 from tcbench.studies.base import known_tables
-from tcbench.studies.columns import SHARED, column, own_columns, own_tables, shown_columns
+from tcbench.studies.columns import SHARED, column, own_columns, own_tables
 from tcbench.table import from_dict
 
 PAGE = (Path(__file__).parents[2] / "docs" / "measures.md").read_text("utf-8")
 NAMED = set(re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)))
-
-
-def test_a_column_that_nobody_described_is_written_as_it_is_called():
-    unknown = column("hot_spots")
-    assert (unknown.label, unknown.short, unknown.worse, unknown.shown) == ("hot spots", "hot_spots", "", True)
 
 
 @pytest.mark.parametrize("name", ["iterations_saved", "gain_over_time_s", "residual_margin", "errors_found"])
@@ -66,12 +61,6 @@ def test_a_table_comes_back_from_a_run_folder_as_it_was(table):
 @pytest.mark.parametrize("data", [None, {"name": 1}, {"name": "a", "columns": [{"nope": 1}]}, {"name": "a", "x": 2}])
 def test_a_damaged_folder_declares_no_table(data):
     assert from_dict(data) is None and "conservation" in known_tables({"tables": {"mine": [data]}})
-
-
-def test_timings_are_told_and_bookkeeping_is_hidden():
-    for name in ("us_per_step", "wall_time_min_s", "time_s", "first_step_s"):
-        assert column(name).timing
-    assert shown_columns(["dt", "source_hash", "energy_error_max", "traceback"]) == ["dt", "energy_error_max"]
 
 
 def test_a_mistake_in_a_table_is_named_where_it_is_made():

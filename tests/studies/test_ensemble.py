@@ -2,10 +2,6 @@
 
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
@@ -14,13 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 import tcbench
-from tcbench import Integrator, Range, ScenarioFamily, TcbenchError, plugins
+from tcbench import Integrator, TcbenchError, plugins
 from tcbench.analysis.statistics import wilson
 from tcbench.cli import main
-from tcbench.errors import MachineError
 from tcbench.studies import ensemble, ensemble_runs, ensemble_tables
-from tcbench.studies.base import default_studies
-from tcbench.studies.ensemble import STUDY, measure, plan
+from tcbench.studies.ensemble import measure, plan
 from tcbench.studies.ensemble_tables import tables as tabulate
 
 RANDOM = plugins.registry().scenario_families["random"]
@@ -87,33 +81,6 @@ def test_a_run_that_ends_well_and_breaks_a_claimed_law_has_failed():
     kinds = [ensemble_runs.KINDS[k] for k in rows[0]["kinds"]]
     assert "law" in kinds and "ok" not in kinds
     assert "energy not kept" in rows[0]["sentences"].values()
-
-
-def test_a_method_that_raises_is_a_kind_of_failure_of_its_own():
-    def step(z, h, system):
-        raise ZeroDivisionError("by design")
-
-    rows = ensemble_runs.shares(Integrator(name="bad", order=1, step=step), [RANDOM.member()], [0.1])
-    assert [ensemble_runs.KINDS[k] for k in rows[0]["kinds"]] == ["exception"]
-    assert "by design" in rows[0]["sentences"]["0"]
-
-
-@pytest.mark.parametrize(
-    "error", [MachineError("full"), OSError("libllvmlite.so"), ImportError("no jax"), MemoryError()]
-)
-def test_faults_of_the_machine_are_not_the_methods(error):
-    def faulty(*arguments):
-        raise error
-
-    scenario = RANDOM.member()
-    adaptive, step = Integrator(name="a", adaptive=faulty), Integrator(name="s", order=1, step=faulty)
-    for run in (
-        lambda: ensemble_runs.run_once(adaptive, scenario, 1e-3),
-        lambda: tcbench.simulate(adaptive, scenario, tolerance=1e-3),
-        lambda: tcbench.simulate(step, scenario, dt=0.1),
-    ):
-        with pytest.raises((MachineError, MemoryError)):
-            run()
 
 
 def test_a_lost_cell_counts_against_the_method():
@@ -184,53 +151,7 @@ def test_only_random_families_are_drawn_from(tmp_path):
     assert all(min(s.constants["stiffness"]) >= 100 for s in ensemble.members(cells[0][1], [0, 5]))
 
 
-def test_a_family_of_another_system_is_run_the_same_way(monkeypatch):
-    base = tcbench.scenarios()["gas_containers"]
-
-    def sample(draw):
-        return base.replace(momenta=tuple(draw("momenta", len(base.momenta))))
-
-    family = ScenarioFamily("random_gas", sample=sample, ranges={"momenta": Range(0.1, 1.0)})
-    monkeypatch.setitem(plugins.registry().scenario_families, "random_gas", family)
-    cells = plan(methods("tc_strang"), [family.member()], {"size": 3, "budget": 0, "dt": [0.1]})
-    table = tabulate(records(cells))["failure_share"]
-    assert table.loc[0, ["ensemble", "runs", "failed"]].tolist() == ["random_gas", 3, 0]
-
-
 # -- the engine
-
-
-@pytest.mark.thorough
-def test_killed_and_started_again_it_gives_the_same_tables_to_the_last_digit(tmp_path):
-    words = ["run", "--study", "ensemble", "-i", "tc_strang", "-i", "verlet_heat", "--size", "400", "--dt", "0.2",
-             "--budget", "0", "-j", "1", "-q", "-o"]  # fmt: skip
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert CliRunner().invoke(main, [*words, str(whole)]).exit_code == 0
-    with subprocess.Popen([sys.executable, "-m", "tcbench", *words, str(killed)], start_new_session=True) as run:
-        rows = killed / "cells.jsonl"
-        while not (rows.exists() and rows.read_bytes().count(b"\n") >= 2):
-            assert run.poll() is None
-            time.sleep(0.002)
-        os.killpg(run.pid, signal.SIGKILL)
-    assert 2 <= rows.read_bytes().count(b"\n") < 16
-    assert CliRunner().invoke(main, [*words, str(killed)]).exit_code == 0
-    assert len({json.loads(line)["key"] for line in rows.read_text().splitlines()}) == 16
-    for name in ("failure_share", "ensemble_laws"):
-        assert (killed / "tables" / f"{name}.csv").read_text() == (whole / "tables" / f"{name}.csv").read_text()
-
-
-def test_from_the_command_line_and_from_python_it_is_the_same(tmp_path):
-    arguments = ["run", "--study", "ensemble", "-i", "tc_strang", "--size", "4", "--seed", "2", "--budget", "0"]
-    arguments += ["--dt", "0.4", "-q"]
-    result = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "a")])
-    assert result.exit_code == 0, result.output
-    found = tcbench.run(["tc_strang"], studies=["ensemble"], dt=[0.4], output=tmp_path / "b",
-                        options={"size": 4, "seed": 2, "budget": 0})  # fmt: skip
-    table = pd.read_csv(tmp_path / "a/tables/failure_share.csv")
-    assert table.first_seed.tolist() == found.tables["failure_share"].first_seed.tolist() == [2_000_000]
-    assert table.share.tolist() == found.tables["failure_share"].share.tolist()
-    bad = CliRunner().invoke(main, [*arguments, "--size", "0", "-o", str(tmp_path / "c")])
-    assert bad.exit_code == 2 and "size of an ensemble is a whole number" in bad.output
 
 
 def test_the_map_says_where_a_method_fails(tmp_path):
@@ -305,14 +226,6 @@ def test_profiles_count_failures_and_leave_out_what_has_no_reference(timed):
     assert (profiles.low <= profiles.share).all() and (profiles.share <= profiles.high).all()
 
 
-def test_accuracy_is_of_completed_runs_with_a_reference(timed):
-    table = tabulate(timed)["ensemble_accuracy"].set_index(["integrator", "value"])
-    row = table.loc[("tc_gauss_adaptive", 1e-9)]
-    assert row.runs + row.without_reference + row.failed >= row.runs > 5
-    assert row.error_10 <= row.error_median <= row.error_90 and row.time_10_s <= row.time_median_s <= row.time_90_s
-    assert row.error_median < table.loc[("tc_gauss_adaptive", 1e-3)].error_median
-
-
 def test_a_slow_adaptive_solver_does_not_hold_the_ensemble_up():
     def adaptive(system, z0, t_eval, rtol, atol):
         begin = time.process_time()
@@ -330,8 +243,3 @@ def test_a_run_that_waits_for_other_processes_cuts_no_ladder_short(monkeypatch):
     rungs = []
     ensemble_runs._first_time(*methods("tc_strang"), RANDOM.member(), rungs, 60.0)
     assert len(rungs) == ensemble_runs.RUNGS
-
-
-def test_the_study_is_part_of_all_and_says_what_it_is():
-    assert "ensemble" in default_studies() and "ensemble_map" not in default_studies() and STUDY.sampled
-    assert STUDY.is_timed({"part": "timings"}) and not STUDY.is_timed({"part": "shares"})

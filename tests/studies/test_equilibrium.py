@@ -6,7 +6,7 @@ import pytest
 import tcbench
 from tcbench import plugins
 from tcbench.studies import equilibrium
-from tcbench.studies.equilibrium import STUDY, exact_equilibrium, log_spaced, measure, plan, tabulate
+from tcbench.studies.equilibrium import STUDY, measure, plan, tabulate
 
 TC = ("tc_monolithic", "tc_strang", "tc_staggered")
 
@@ -34,18 +34,6 @@ def test_entropy_rises_to_that_of_the_equilibrium_and_never_beyond(integrator):
     assert summary["strain_gap"] < 0.01 and summary["temperature_gap"] < 0.1 and summary["rotation_gap"] < 0.01
 
 
-def test_smaller_steps_end_at_the_certified_state():
-    """With h = 0.02 the gap at t = 1500 is that of the certified solution, 2.8e-5, within a fifth: phase errors of
-    the slow oscillation about equilibrium are all that is left."""
-    from tcbench.reference.lookup import reference_for
-
-    scenario = tcbench.scenarios()["bound_equilibrium"]
-    end = reference_for(scenario, [1500.0]).states[0]
-    certified = exact_equilibrium(scenario).entropy - float(scenario.model.entropy(end))
-    found = run("tc_strang", "bound_equilibrium", dt=0.02)["summary"]["entropy_gap"]
-    assert found == pytest.approx(certified, rel=0.2)
-
-
 @pytest.mark.parametrize("integrator", ("midpoint_entropy", "midpoint_temperature"))
 def test_a_method_that_loses_energy_passes_the_equilibrium_and_is_told(integrator):
     summary = run(integrator, "bound_equilibrium")["summary"]
@@ -67,29 +55,11 @@ def test_printed_data_show_growth_instead_of_a_gap():
     assert np.abs(np.polyval(straight, np.log(t)) - strain).max() < 0.1  # a line in ln t, of the 2.4 that it rises
 
 
-def test_a_wrong_equilibrium_is_not_approached(monkeypatch):
-    """Broken on purpose: stiffnesses off by 5 % lower its entropy by 3e-4, and the run passes it."""
-    original = equilibrium.exact_equilibrium
-
-    def wrong(scenario):
-        return original(scenario.replace(stiffness=(10.5, 21.0)))
-
-    monkeypatch.setattr(equilibrium, "exact_equilibrium", wrong)
-    assert run("tc_monolithic", "bound_equilibrium")["summary"]["equilibrium"] == "passed"
-
-
 def test_failed_and_short_runs_are_rows():
     summary = run("midpoint_entropy", "stiff_spring")["summary"]
     assert summary["equilibrium"] == "run failed" and "exceeded" in summary["note"]
     short = run("tc_monolithic", "bound_equilibrium", t_end=0.3)
     assert len(short["rows"]) == 1 and short["summary"]["equilibrium"] == "not reached"
-
-
-def test_recorded_times_are_log_spaced_and_few():
-    rows = log_spaced(np.arange(5001) * 0.3)
-    assert rows[0] == 1 and rows[-1] == 5000 and len(rows) <= equilibrium.TIMES
-    assert np.all(np.diff(np.log(rows))[20:] < 0.2)
-    assert log_spaced(np.array([0.0])) == [0] and log_spaced(np.array([0.0, 1.0])) == [1]
 
 
 def test_plan_takes_long_scenarios_by_default_and_any_on_request():

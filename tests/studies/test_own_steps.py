@@ -8,7 +8,6 @@ import pytest
 import tcbench
 from tcbench import Integrator
 from tcbench.analysis import stable_step as S
-from tcbench.studies import stability
 
 SCENARIO = tcbench.scenarios()["bound_equilibrium"].replace(t_end=40.0)
 
@@ -65,24 +64,3 @@ def test_a_solver_that_never_holds_has_none():
     row = S.loosest_tolerance(Integrator(name="broken", adaptive=broken), SCENARIO)
     assert math.isnan(row["tolerance_stable"]) and row["limit"] == "solver" and "never" in row["cause"]
     assert row["tolerance_unstable"] == S.TOLERANCES[-1]
-
-
-def test_slow_solvers_are_spared_repetitions(monkeypatch):
-    monkeypatch.setattr(S, "SLOW_S", 0.0)  # every run is slow
-    row = S.loosest_tolerance(tcbench.integrators()["tc_gauss_adaptive"], SCENARIO)
-    assert row["confirmed"] == 1 and row["tolerance_stable"] > 0
-    broken = Integrator(name="broken", adaptive=lambda *_: 1 / 0)
-    row = S.loosest_tolerance(broken, SCENARIO)
-    assert math.isnan(row["tolerance_stable"]) and row["tolerance_unstable"] == S.TOLERANCES[S.SLOW_FAILURES - 1]
-
-
-def test_every_kind_is_in_its_table():
-    methods = [tcbench.integrators()[name] for name in ("tc_gauss", "tc_gauss_adaptive")]
-    assert len(stability.plan(methods, [SCENARIO], {})) == 2
-    records = [{"integrator": m.name, "scenario": SCENARIO.name, **stability.measure(m, SCENARIO, {})} for m in methods]
-    tables = stability.tabulate(records)
-    assert list(tables["stability"].integrator) == ["tc_gauss"] and tables["stability"].limit[0] == "none"
-    assert list(tables["stable_tolerances"].integrator) == ["tc_gauss_adaptive"]
-    assert tables["stable_tolerances"].tolerance_stable[0] > 0 and set(tables) == set(stability.STUDY.table_names)
-    alone = stability.tabulate(records[1:])
-    assert len(alone["stability"]) == 0 and len(alone["stable_tolerances"]) == 1

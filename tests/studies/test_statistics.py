@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tcbench.analysis.statistics import profile, quantile, ratios, wilson
 
@@ -20,26 +18,6 @@ from tcbench.analysis.statistics import profile, quantile, ratios, wilson
 )  # fmt: skip
 def test_wilson_intervals(hits, runs, low, high):
     assert wilson(hits, runs) == pytest.approx((low, high), abs=1e-7)
-
-
-@given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_a_wilson_interval_contains_its_share_and_stays_a_share(pair):
-    hits, runs = pair
-    low, high = wilson(hits, runs)
-    assert 0.0 <= low <= hits / runs <= high <= 1.0
-
-
-def test_no_runs_have_no_interval():
-    assert all(math.isnan(x) for x in wilson(0, 0))
-
-
-def test_wilson_intervals_cover_what_they_say():
-    """Over all outcomes of 50 runs at a share of 0.1, by their probability: 95 %, but for its steps."""
-    p, n = 0.1, 50
-    covered = sum(
-        math.comb(n, k) * p**k * (1 - p) ** (n - k) for k in range(n + 1) if wilson(k, n)[0] <= p <= wilson(k, n)[1]
-    )
-    assert 0.93 < covered < 0.98
 
 
 def test_quantiles_are_numpys_and_infinite_values_count():
@@ -68,7 +46,3 @@ def test_a_share_has_one_interval_wherever_it_stands():
         assert middle[method].tolist() == [hit / 60 for hit in hits]
         found = list(zip(low[method], high[method], strict=True))
         assert found == [wilson(hit, 60) for hit in hits] and found[0][1] - found[0][0] > 0.05
-
-
-def test_a_profile_of_no_scenarios_is_not_a_number():
-    assert np.isnan(profile(np.empty((0, 2)), np.array([1.0]))[0]).all()
