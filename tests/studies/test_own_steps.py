@@ -9,7 +9,7 @@ import tcbench
 from tcbench import Integrator
 from tcbench.analysis import stable_step as S
 
-SCENARIO = tcbench.scenarios()["bound_equilibrium"].replace(t_end=40.0)
+SCENARIO = tcbench.scenarios()["bound_equilibrium"].replace(t_end=10.0)
 
 
 def euler(z, h, system):

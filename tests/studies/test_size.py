@@ -10,7 +10,7 @@ from tcbench.cache import folder
 from tcbench.runner.plan import plan_job
 from tcbench.studies import size as study
 
-NAMES = ["chain[n=6]", "chain[n=20]", "chain[n=60]", "net[nx=4,ny=3]"]
+NAMES = ["chain[n=6]", "chain[n=20]"]
 
 
 @pytest.fixture(scope="module")
@@ -20,23 +20,22 @@ def tables(tmp_path_factory):
 
 def test_a_row_has_times_memory_and_laws_of_its_size(tables):
     table = tables["size"].set_index("scenario")
-    assert set(table["status"]) == {"ok"} and list(table.loc[NAMES, "numbers"]) == [30, 100, 300, 67]
-    assert list(table.loc[NAMES, "family"]) == ["chain", "chain", "chain", "net"] and set(table["dt"]) == {0.1}
+    assert set(table["status"]) == {"ok"} and list(table.loc[NAMES, "numbers"]) == [30, 100]
+    assert set(table["family"]) == {"chain"} and set(table["dt"]) == {0.1}
     assert (table["first_step_s"] > 0).all() and (table["us_per_step"] > 0).all() and (table["memory_mb"] >= 0).all()
     assert (table["first_step_s"] > 1e-6 * table["us_per_step"]).all()  # it traces and compiles
     assert table["steps"].max() == study.MOST and table["energy_error_max"].max() < 1e-12
-    assert (table.loc[NAMES[:3], "angular_momentum_error_max"] < 1e-12).all()
+    assert (table["angular_momentum_error_max"] < 1e-12).all()
     assert table["entropy_increment_min"].min() > -1e-13
-    assert (table["us_foreseen"] > 0).all() and table.loc[NAMES[2], "us_foreseen"] > table.loc[NAMES[1], "us_foreseen"]
-    direct = tcbench.simulate("tc_monolithic", NAMES[2], t_end=100.0)
-    assert direct.summary.energy_error_max == table.loc[NAMES[2], "energy_error_max"]
+    assert 0 < table.loc[NAMES[0], "us_foreseen"] < table.loc[NAMES[1], "us_foreseen"]
+    direct = tcbench.simulate("tc_monolithic", NAMES[1], t_end=100.0)
+    assert direct.summary.energy_error_max == table.loc[NAMES[1], "energy_error_max"]
 
 
 def test_exponents_are_fitted_a_family(tables):
     fits = tables["size_exponents"].set_index("family")
-    assert list(fits.loc["chain", ["smallest", "largest"]]) == [30, 300] and math.isnan(
-        fits.loc["net", "exponent_step"]
-    )
+    assert list(fits.loc["chain", ["smallest", "largest"]]) == [30, 100]
+    assert math.isnan(fits.loc["chain", "exponent_step"])  # of two sizes
     rows = [
         {"integrator": "a", "scenario": f"c[n={n}]", "family": "c", "dt": 0.1, "numbers": n, "status": "ok",
          "first_step_s": 0.1 * n, "us_per_step": 30.0 * n**1.5, "memory_mb": 7.0}
