@@ -18,6 +18,7 @@ from ..compiler import derivatives as trace
 from ..compiler.kernels import Kernel, kernel, placed
 from ..systems.as_written import place
 from ..systems.declaration import MATRICES
+from ..systems.element_system import ElementSystem
 from ..systems.system import System
 
 FORMULAS = tuple(MATRICES)
@@ -130,7 +131,7 @@ CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, where it is from
     ("reversible keeps energy", "eqs. (1), (9)", "reversible", "dE"),
     ("reversible keeps entropy", "eq. (9)", "reversible", "dS"),
     ("irreversible keeps energy", "eq. (9)", "irreversible", "dE"),
-    ("irreversible never lowers entropy", "eq. (1)", "irreversible", "dS"),
+    ("irreversible never lowers entropy", "eqs. (1), (37)", "irreversible", "dS"),
 )
 
 
@@ -219,7 +220,11 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
         return kernel(placed("a", [*z, *factors]) | sym.constant_symbols(), outputs), len(factors)
 
 
+OF_ELEMENTS = {"reversible": "element_energy", "irreversible": "conduction", "entropy": "entropies"}
+
+
 def written(model: System, name: str) -> str:
-    """Where the author wrote a formula, or the matrix in its place."""
+    """Where the author wrote a formula, or the matrix in its place, or what it follows from."""
     name = MATRICES[name] if name in MATRICES and model.defines(MATRICES[name]) else name
+    name = OF_ELEMENTS.get(name, name) if isinstance(model, ElementSystem) else name
     return f"{place(getattr(type(model), name))}, {name}()"

@@ -18,7 +18,6 @@ from ..integrator import Integrator
 from ..reference.digits import exactly
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
-from ..systems.element_system import ElementSystem
 from ..systems.pendulum import Pendulum
 from ..systems.scenario import Scenario
 from ..systems.state import State
@@ -155,10 +154,7 @@ def operators(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
         return replace(found, no=f"{found.no} {told[-1]}")
 
     rows = [*_gradient_rows(row, scenario, sample, rng)]
-    if not isinstance(scenario.model, ElementSystem):
-        return [*rows, *structure.findings(owed, scenario.model, sample, rng)]
-    rows += _flow_rows(row, scenario, sample)
-    return [*rows, *(_friction_rows(row, scenario.model, sample) if scenario.model.n_elements == 2 else ())]
+    return [*rows, *structure.findings(owed, scenario.model, sample, rng)]
 
 
 def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.Generator) -> Iterator[LedgerRow]:
@@ -175,41 +171,6 @@ def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.
         worst = max(_turning(model, *pair, float(rng.uniform(0, 2 * np.pi))) for pair in sample)
         yield row("the discrete gradient is equivariant under rotation", "section 3", "defect 0, relative", worst,
                   ROUNDOFF, "It sees positions only through squared lengths, which rotations keep.")  # fmt: skip
-
-
-def _flow_rows(row: Row, scenario: Scenario, sample: Sample) -> list[LedgerRow]:
-    model = scenario.model
-    L = model.L
-    skew = float(np.abs(L + L.T).max() + np.abs(L @ model.DS).max())
-    power = max(_power(model, z) for z, _ in sample)
-    fall = max(0.0, -min(float(model.vector_field(z).s.sum()) for z, _ in sample))
-    return [
-        row("L is skew and L DS = 0", "eqs. (1), (2)", "defect 0", skew, 0.0,
-            "L is the canonical matrix on (q, p) and zero on s."),
-        row("the exact flow keeps energy: grad E . dz/dt = 0", "eq. (2)", "defect 0, relative", power, ROUNDOFF,
-            "L is skew and M grad E = 0."),
-        row("the exact flow never lowers entropy, so E - theta_ref S never rises", "Theorem 5, eq. (37)",
-            "dS/dt >= 0; violation 0", fall, 0.0,
-            "Conduction adds a square over positive temperatures to S, and E is constant."),
-    ]  # fmt: skip
-
-
-def _friction_rows(row: Row, model: ElementSystem, sample: Sample) -> list[LedgerRow]:
-    degeneracy = indefinite = 0.0
-    for pair in sample:
-        theta = np.asarray(model.discrete_gradient(*pair).s)
-        M = np.asarray(model.friction(theta))
-        size = np.abs(M).max()
-        degeneracy = max(degeneracy, float(np.abs(M @ theta).max() / (size * np.abs(theta).max())))
-        bend = -np.linalg.eigvalsh((M + M.T) / 2).min()
-        indefinite = max(indefinite, float(max(np.abs(M - M.T).max(), bend) / size))
-    return [
-        row("friction is degenerate: M(theta*) theta* = 0 at algorithmic temperatures", "eq. (9)",
-            "defect 0, relative to |M| |theta*|", degeneracy, ROUNDOFF,
-            "M is built from (theta*_b, -theta*_a), which theta* annihilates."),
-        row("M is symmetric and positive semidefinite", "eq. (1)", "asymmetry and negative eigenvalues 0, relative",
-            indefinite, ROUNDOFF, "M is a positive number times a dyadic square."),
-    ]  # fmt: skip
 
 
 def _relative(found: Any, exact: Any) -> float:
@@ -242,11 +203,6 @@ def _turning(model: System, z0: State, z1: State, angle: float) -> float:
     """Gap between the turned discrete gradient and the discrete gradient of the turned states."""
     there = model.discrete_gradient(turned(z0, angle), turned(z1, angle))
     return _relative(there, turned(model.discrete_gradient(z0, z1), angle))
-
-
-def _power(model: System, z: State) -> float:
-    gradient, rate = np.asarray(model.gradient(z)), np.asarray(model.vector_field(z))
-    return float(abs(gradient @ rate) / (np.abs(gradient) @ np.abs(rate)))
 
 
 # ---- one step of a method

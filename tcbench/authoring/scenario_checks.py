@@ -32,11 +32,8 @@ MOST_TRIED = 4000  # states of a descent
 METHODS = ("tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature")
 REMEDIES = {  # of elements, by the first words of a finding of theorems.operators
     "the discrete gradient": "shape() must be linear or quadratic in q; element_energy() must act element by element.",
-    "L is skew": "Report this: L does not depend on the system.",
-    "the exact flow keeps": "theta @ conduction(theta) must vanish, and written as a difference of temperatures.",
-    "the exact flow never": "sum(conduction(theta)) must not be negative: heat flows from hot to cold.",
-    "friction": "conduction() must vanish at equal temperatures.",
-    "M is": "sum(conduction(theta)) must not be negative.",
+    "irreversible keeps": "theta @ conduction(theta) must vanish, and written as a difference of temperatures.",
+    "irreversible never": "sum(conduction(theta)) must not be negative: heat flows from hot to cold.",
 }
 
 
