@@ -24,6 +24,7 @@ from ..simulation.stepper import stepper
 from ..simulation.trajectory import Trajectory
 from ..solver.implicit_step import PRINCIPAL, STOP_AT_FOLD, Rules
 from ..systems.scenario import Scenario
+from .timing import warm_up
 
 FINE = 64  # rungs an octave
 COARSE = 16  # fine rungs in a coarse one: 2^(k/4)
@@ -301,8 +302,7 @@ SLOW_FAILURES = 2  # so many failed runs as slow as that end the search
 def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
     """One row of `stable_tolerances`: the loosest tolerance of an adaptive solver at which, and at the next two tighter
     ones, a run does not fail (NaN if there is none down to 1e-8), and why the next looser one does."""
-    with shared_runs.made_anew():  # what the first run of a process loads and compiles is no time of a run
-        simulate(integrator, scenario.replace(t_end=1e-3 * scenario.t_end), tolerance=TOLERANCES[0])
+    warm_up(integrator, scenario, [{"tolerance": TOLERANCES[0]}])
     held: list[float] = []
     failed, last, slow = math.nan, None, 0
     for tolerance in TOLERANCES:

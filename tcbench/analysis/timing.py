@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from statistics import median
 from typing import Any, NamedTuple
 
@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike
 
 from ..errors import ending, leave_to_the_machine
 from ..integrator import Integrator
+from ..simulation import shared_runs
+from ..simulation.run import simulate
 from ..study import Row
 from ..systems.scenario import Scenario
 
@@ -72,6 +74,20 @@ def _once(run: Run, first: bool) -> tuple[Row, float, float]:
     begin = time.process_time()
     row, elapsed = run(first)
     return row, elapsed, min(elapsed, time.process_time() - begin)
+
+
+_WARM: set[tuple[Any, ...]] = set()  # in this process
+
+
+def warm_up(integrator: Integrator, scenario: Scenario, controls: Iterable[Mapping[str, Any]]) -> None:
+    """A short run for each of these settings (dt, tolerance), once in a process: what loads or compiles does so before
+    the clock runs; heyoka compiles anew for each tolerance."""
+    for control in controls:
+        known = integrator.name, scenario.model.structure, control.get("tolerance")
+        if known not in _WARM:
+            _WARM.add(known)
+            with shared_runs.made_anew():
+                simulate(integrator, scenario.replace(t_end=control.get("dt", 1e-3 * scenario.t_end)), **control)
 
 
 class Solved(NamedTuple):

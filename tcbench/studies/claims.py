@@ -9,7 +9,7 @@ from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Table
-from .frames import table_of
+from .frames import spread, table_of
 
 CLAIMS = Table(
     "claims",
@@ -63,12 +63,11 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def tabulate(records: Sequence[Row]) -> Tables:
     """One row a claim. A group that could not be measured keeps one row, with the reason and no verdict."""
-    rows: list[Row] = []
-    for record in records:
-        origin = {k: v for k, v in record.items() if k not in ("findings", "failure")}
-        failed = {"claim": f"{record['group']}: not measured", "verdict": "", "why": record.get("failure", "")}
-        rows += [origin | finding for finding in record.get("findings") or [failed]]
-    return {"claims": table_of(rows, CLAIMS, by=())}
+
+    def failed(record: Mapping[str, Any]) -> Row:
+        return {"claim": f"{record['group']}: not measured", "verdict": "", "why": record.get("failure", "")}
+
+    return {"claims": table_of(spread(records, "findings", "failure", failed=failed), CLAIMS, by=())}
 
 
 STUDY = Study(

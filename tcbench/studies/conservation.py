@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .. import plugins
+from ..analysis.timing import warm_up
 from ..errors import MachineError, blamed
 from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
@@ -69,7 +70,8 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     adaptive = integrator.kind == "adaptive"
     extra = {"tolerance": options["tolerance"]} if adaptive else {"dt": options["dt"], "residuals": True}
-    _warm_up(integrator, scenario, extra)
+    if integrator.kind != "flows":  # whose compiling is no part of a step
+        warm_up(integrator, scenario, [extra])
     run = simulate(integrator, scenario, **extra)
     row = metrics.conservation(run) | beside_the_exact(run)
     if run.wall_time_s < SHORT_S and row["us_per_step"] > 0:  # timed again: all is loaded, and without residuals
@@ -118,21 +120,6 @@ def _drawn(scenario: Scenario, options: Row) -> bool:
         return bool(options["tolerance"] == OWN)
     others = [factor * scenario.dt for factor in scenario.ladder if factor != 1]
     return not any(math.isclose(options["dt"], step, rel_tol=1e-9) for step in others)
-
-
-_WARM: set[tuple[Any, ...]] = set()  # in this process
-
-
-def _warm_up(integrator: Integrator, scenario: Scenario, extra: Mapping[str, Any]) -> None:
-    """A short run of what is plain Python to tcbench: loading and compiling are no time of a step.
-
-    By tolerance, too, since heyoka compiles anew for each.
-    """
-    name = integrator.name, scenario.model.structure, extra.get("tolerance")
-    if integrator.kind != "flows" and name not in _WARM:
-        _WARM.add(name)
-        with shared_runs.made_anew():
-            simulate(integrator, scenario.replace(t_end=extra.get("dt", 1e-3 * scenario.t_end)), **extra)
 
 
 def tabulate(records: Sequence[Row]) -> Tables:

@@ -14,7 +14,7 @@ from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from ..table import Column, Table
-from .frames import rows_in, table_of
+from .frames import rows_in, spread, table_of
 
 HALVINGS = range(1, 16)  # dt = t_converge / 2^k: exact, and from far outside the asymptotic range to round-off
 PYTHON_HALVINGS = range(1, 12)  # a step of a plain Python method may cost a hundred times as much
@@ -136,11 +136,11 @@ def _point_rows(
 
 def tabulate(records: Sequence[Row]) -> Tables:
     """`convergence`: one row a variable; `convergence_points`: one row a step size. A failed cell keeps one row."""
-    orders: list[Row] = []
-    for record in records:
-        origin = {k: v for k, v in record.items() if k not in ("orders", "points", "dt", "failure")}
-        failed = {"variable": "all", "verdict": "undetermined", "note": record.get("failure", "")}
-        orders += [origin | row for row in record.get("orders") or [failed]]
+
+    def failed(record: Mapping[str, Any]) -> Row:
+        return {"variable": "all", "verdict": "undetermined", "note": record.get("failure", "")}
+
+    orders = spread(records, "orders", "points", "dt", "failure", failed=failed)
     return {
         "convergence": table_of(orders, CONVERGENCE),
         "convergence_points": table_of(rows_in(records, "points"), POINTS),

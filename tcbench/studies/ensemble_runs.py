@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.stable_step import outcome_of
-from ..analysis.timing import solved
+from ..analysis.timing import solved, warm_up
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
@@ -116,7 +116,8 @@ def timings(integrator: Integrator, scenarios: Sequence[Scenario], share_s: floa
     probably not end within them is not begun, and what is left goes to repeats. Scenarios come in an order shuffled
     anew for each repeat, so that a slow moment of the machine does not meet one of them only.
     """
-    warm_up(integrator, scenarios[0])
+    control = "tolerance" if integrator.kind == "adaptive" else "dt"
+    warm_up(integrator, scenarios[0], ({control: value} for value in ladder(integrator, scenarios[0])))
     order = random.Random(seed)
     spent = [0.0] * len(scenarios)
     ladders: list[list[Row]] = [[] for _ in scenarios]
@@ -129,18 +130,6 @@ def timings(integrator: Integrator, scenarios: Sequence[Scenario], share_s: floa
                 _again(integrator, scenarios[i], ladders[i], share_s - spent[i])
             spent[i] += time.process_time() - begin
     return ladders
-
-
-_WARM: set[tuple[Any, ...]] = set()  # in this process
-
-
-def warm_up(integrator: Integrator, scenario: Scenario) -> None:
-    """Whatever compiles or loads does so before the clock runs; heyoka compiles anew for each tolerance."""
-    known = integrator.name, scenario.model.structure
-    if known not in _WARM:
-        _WARM.add(known)
-        for value in ladder(integrator, scenario) if integrator.kind == "adaptive" else [scenario.t_end / COARSEST]:
-            run_once(integrator, scenario.replace(t_end=value if value > 1e-3 else 1e-2), value)
 
 
 def ladder(integrator: Integrator, scenario: Scenario) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..table import Table
@@ -19,6 +19,19 @@ def rows_in(
 ) -> list[dict[str, Any]]:
     """The rows that records keep under a name, each with these values of its record."""
     return [{key: record.get(key) for key in keys} | row for record in records for row in record.get(name) or ()]
+
+
+def spread(
+    records: Iterable[Mapping[str, Any]], name: str, *without: str,
+    failed: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """The rows that records keep under a name, each with all else of its record but what it is `without`; of a record
+    that keeps none what `failed` says of it."""
+    rows = []
+    for record in records:
+        origin = {k: v for k, v in record.items() if k not in (name, *without)}
+        rows += [origin | row for row in record.get(name) or ([failed(record)] if failed else [])]
+    return rows
 
 
 def table_of(rows: Iterable[Mapping[str, Any]], known: Table, by: Sequence[str] = PAIR) -> DataFrame:

@@ -24,7 +24,7 @@ from ..simulation.trajectory import Trajectory
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
-from .frames import table_of
+from .frames import spread, table_of
 
 AUTHORS, ADDED = "Shang and Ottinger (2020)", "tcbench"
 ORDERS = {"ybaby": 2, "mybaby": 2}
@@ -140,17 +140,15 @@ def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
 
 def tabulate(records: Sequence[Row]) -> Tables:
     """`literature`: one row a statement, by whom; `literature_errors`: the errors at every step."""
-    claims: list[Row] = []
-    points: list[Row] = []
-    for record in records:
-        origin = {k: v for k, v in record.items() if k not in ("findings", "points", "failure")}
-        failed = {"claim": "not measured", "verdict": "", "why": record.get("failure", "")}
-        for finding in record.get("findings") or [failed]:
-            stated = finding.get("section", "")
-            claims.append(
-                origin | finding | {"stated_by": stated, "section": "abstract, section 4" * (stated == AUTHORS)}
-            )
-        points += [origin | point for point in record.get("points") or []]
+
+    def failed(record: Mapping[str, Any]) -> Row:
+        return {"claim": "not measured", "verdict": "", "why": record.get("failure", "")}
+
+    claims = spread(records, "findings", "points", "failure", failed=failed)
+    for row in claims:
+        row["stated_by"] = stated = row.get("section", "")
+        row["section"] = "abstract, section 4" * (stated == AUTHORS)
+    points = spread(records, "points", "findings", "failure")
     return {table.name: table_of(rows, table, by=()) for table, rows in ((LITERATURE, claims), (POINTS, points))}
 
 

@@ -22,6 +22,7 @@ from ..integrator import Integrator
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Table
+from .frames import spread, table_of
 
 _AXIS = re.compile(r"(?P<name>[a-z_]+(\[\d+\])?)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<n>\d+)(?P<log>:log)?\Z")
 MULTIPLIED = ("positions", "momenta", "temperatures")  # where a system has them; t_end and constants are multiplied too
@@ -155,17 +156,11 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 
 def tabulate(records: Sequence[Row]) -> Tables:
-    import pandas as pd
-
-    rows: list[Row] = []
-    for record in records:
-        names = {"integrator": record["integrator"], "scenario": record["scenario"]}
-        rows.extend(names | cell for cell in record.get("cells") or [_lost_row(record)])
-    table = pd.DataFrame(rows, columns=MAP.names)
-    return {"map": table.sort_values(["scenario", "integrator", "y", "x"], kind="stable", ignore_index=True)}
+    rows = spread(records, "cells", "x", "y", "row", failed=_lost_row)
+    return {"map": table_of(rows, MAP, ("scenario", "integrator", "y", "x"))[MAP.names]}
 
 
-def _lost_row(record: Row) -> Row:
+def _lost_row(record: Mapping[str, Any]) -> Row:
     """A row whose cell did not complete (a crash, a deadline): one entry, so that it is seen."""
     x, y = parse_axis(record["x"]), parse_axis(record["y"])
     return {

@@ -30,7 +30,7 @@ from ..table import Column, Table
 from .columns import shared
 from .convergence import groups, relative_error
 from .cost import BOUGHT, COST, HIDES, TARGETS, TO_ACCURACY, bought, cost_rows, reached_error, time_to_accuracy
-from .frames import table_of
+from .frames import spread, table_of
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
 HALVINGS = range(-2, 9)  # steps are the scenario's own, over 2^k
@@ -289,13 +289,10 @@ def tabulate(records: Sequence[Row]) -> Tables:
     records = [record for record in records if "part" not in record]
     if not records:
         return {}
-    rows: list[Row] = []
-    for record in records:
-        common = {k: v for k, v in record.items() if k not in ("points", "horizons", "dt")}
-        for point in record.get("points") or [{}]:
-            rows.append(
-                common | point | ({"tolerance": point["value"]} if record.get("control") == "rtol" and point else {})
-            )
+    rows = [
+        row | ({"tolerance": row["value"]} if row.get("control") == "rtol" and "value" in row else {})
+        for row in spread(records, "points", "horizons", "dt", failed=lambda record: {})
+    ]
     return {
         "work_precision": table_of(rows, WORK),
         "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
