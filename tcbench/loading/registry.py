@@ -103,13 +103,10 @@ def load(folders: Iterable[Path] = (), only: Collection[tuple[str, str, str]] | 
     return result
 
 
-_CHANGED: dict[str, tuple[str | None, str | None]] = {}  # variables that plugins have set here: before, and as set
-
-
 @contextlib.contextmanager
 def left_alone() -> Iterator[None]:
-    """Plugins' output does not stand among results, and the current folder stays; what variables they set is noted."""
-    before, folder = dict(os.environ), ""
+    """Plugins' output does not stand among results, and the current folder stays."""
+    folder = ""
     with contextlib.suppress(OSError):  # one that was removed
         folder = os.getcwd()
     try:
@@ -119,19 +116,6 @@ def left_alone() -> Iterator[None]:
         with contextlib.suppress(OSError):
             if folder and os.getcwd() != folder:
                 os.chdir(folder)
-        for name in {*before, *os.environ}:
-            if os.environ.get(name) != before.get(name):
-                _CHANGED.setdefault(name, (before.get(name), os.environ.get(name)))
-
-
-def environment() -> dict[str, str]:
-    """The environment as it was before any plugin changed it: that of workers."""
-    found = dict(os.environ)
-    for name, (before, as_set) in _CHANGED.items():
-        if found.get(name) == as_set:  # else the user has set it since
-            found.pop(name, None)
-            found |= {} if before is None else {name: before}
-    return found
 
 
 def _manager() -> pluggy.PluginManager:

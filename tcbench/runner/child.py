@@ -2,7 +2,7 @@
 
 `Child` is the parent's half, `main` the other. A call names a function and has JSON arguments; the answer is the text
 that the function returns, so that nothing that foreign code made is unpickled here. The process starts afresh, with
-this one's path and flags, the environment from before any plugin changed it, and no arguments, standard input or
+this one's path, flags and environment, one thread unless the user says more, and no arguments, standard input or
 terminal. It ends when this process ends, however that goes: its pipe is closed then (and on Linux the kernel ends it,
 wherever it hangs).
 """
@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..errors import TcbenchError
-from ..loading.registry import environment
 from .codec import from_json, to_json
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
@@ -40,11 +39,6 @@ ONE_THREAD = (
 )  # fmt: skip
 READY = b"ready\n"
 LOOK_S = 1.0  # Ctrl-C is looked for as often on systems where it does not end a wait
-
-
-def given() -> dict[str, str]:
-    """The environment of every child: as it was before any plugin changed it, one thread unless the user says more."""
-    return dict.fromkeys(ONE_THREAD, "1") | environment()
 
 
 class Child:
@@ -69,7 +63,7 @@ class Child:
         self._heard = heard
         self.process = subprocess.Popen(
             [sys.executable, *flags, "-P", "-c", START, told], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=output, env=given(), **group,
+            stderr=output, env=dict.fromkeys(ONE_THREAD, "1") | os.environ, **group,
         )  # fmt: skip
         threading.Thread(target=self._listen, name="tcbench-child", daemon=True).start()
 
@@ -82,10 +76,14 @@ class Child:
 
     def kill(self) -> None:
         """End it, whatever it is doing, and what it has started."""
+        started = descendants(self.process.pid)
         self.process.kill()
         if hasattr(os, "killpg"):
             with contextlib.suppress(OSError):  # none of its group is left
                 os.killpg(self.process.pid, signal.SIGKILL)
+            for pid in started:  # in sessions of their own, too
+                with contextlib.suppress(OSError):
+                    os.kill(pid, signal.SIGKILL)
 
     def is_alive(self) -> bool:
         return self.process.poll() is None
@@ -99,6 +97,16 @@ class Child:
         with contextlib.suppress(OSError):
             self.process.stdin.close()
         self._heard(self, None)
+
+
+def descendants(pid: int) -> list[int]:
+    """The processes that a process has started, and those that these have (on Linux; elsewhere none are seen)."""
+    found: list[int] = []
+    for path in Path(f"/proc/{pid}/task").glob("*/children"):
+        with contextlib.suppress(OSError):
+            own = list(map(int, path.read_text().split()))
+            found += own + [each for one in own for each in descendants(one)]
+    return found
 
 
 def how_it_died(code: int | None) -> str:
@@ -154,6 +162,9 @@ def _hear(calls: IO[bytes], put: Callable[[bytes], None]) -> None:
     for line in calls:
         put(line)
     if hasattr(os, "killpg"):  # the parent is gone: this process and what its cells have started end
+        for pid in descendants(os.getpid()):
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
         os.killpg(0, signal.SIGKILL)
     os._exit(1)
 
@@ -163,3 +174,4 @@ def _end_with_the_parent() -> None:
     if sys.platform == "linux":
         with contextlib.suppress(Exception):
             ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
+            ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER: what its children leave behind is its own

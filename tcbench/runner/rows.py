@@ -280,20 +280,13 @@ class Store(Rows):
         files = sorted((self.folder / "provenance").glob("*.json"))
         return {path.stem: self._read_json(path, shapes.MANIFEST) for path in files}
 
-    def write_tables(
-        self, tables: Mapping[str, DataFrame], gone: Iterable[str] = (), no_csv: Iterable[str] = ()
-    ) -> list[Path]:
-        """Write `tables/NAME.csv` and `tables/NAME.parquet`, each complete or not at all; those called `gone` go.
-
-        no_csv : tables that are the rows of a chart, a hundred thousand of them: Parquet alone.
-        """
+    def write_tables(self, tables: Mapping[str, DataFrame], gone: Iterable[str] = ()) -> list[Path]:
+        """Write `tables/NAME.csv` and `tables/NAME.parquet`, each complete or not at all; those called `gone` go."""
         paths = []
         for name, frame in tables.items():
             if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", name):
                 raise TcbenchError(f"A table cannot be called {name!r}: use letters, digits, '_' and '-'.")
-            if name in set(no_csv):
-                (self.folder / "tables" / f"{name}.csv").unlink(missing_ok=True)
-            for suffix, encode in ((".csv", csv_bytes), (".parquet", parquet_bytes))[name in set(no_csv) :]:
+            for suffix, encode in ((".csv", csv_bytes), (".parquet", parquet_bytes)):
                 paths.append(self.folder / "tables" / f"{name}{suffix}")
                 self._replace(paths[-1], encode(frame))
         for name in set(gone) - tables.keys():

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from ..errors import expect
 from ..integrator import Integrator
 from ..progress import of_cells, waiting
-from ..simulation.series import ROW as SERIES
 from ..studies.base import in_order
 from ..systems.scenario import Scenario
 from .declared import merged
@@ -208,7 +207,7 @@ def execute(
             made, kept = (tables, {}) if alone else made_and_kept(store)
             made = {name: table for name, table in made.items() if len(table)}
             before = set(store.manifest().get("tables", [])).difference(kept)
-            store.write_tables(made, before, SERIES)
+            store.write_tables(made, before)
             every = made | kept
             store.write_declared(merged(store.declared(), job.told()))
             lines = [line for cell in job.cells if (line := store.line(cell.key))]
