@@ -68,13 +68,6 @@ def machine() -> dict[str, Any]:
     }
 
 
-def usable_cores() -> int:
-    """The cores that this process may keep busy: its affinity, and the quota of its container."""
-    from loky import cpu_count
-
-    return int(cpu_count())
-
-
 def machine_name(kind: Any = None) -> str:
     """The kind of machine that a timing belongs to (`Cell.machine`): equal on equal machines. This one by default."""
     if kind is None:
