@@ -100,9 +100,10 @@ def _gathered(
         elif node.op == "add" and all(a.number in summed and readers[a.number] == 1 for a in node.args):
             summed[node.number] = [term for a in node.args for term in summed[a.number]]
             known.new[node.number] = collect([(known(x), path) for x, path in summed[node.number]])
+    new = iter(known.all(wanted))
     return (
-        [Block(b.space, tuple(x if x is None else known(x) for x in b.symbols)) for b in outputs],
-        [(term, known(x)) for term, x in terms],
+        [Block(b.space, tuple(x if x is None else next(new) for x in b.symbols)) for b in outputs],
+        [(term, next(new)) for term, _ in terms],
     )
 
 

@@ -53,7 +53,7 @@ def native() -> list[Any]:
     """[evaluate, run_kernel] of `_checked_call`, as ctypes has them; they are too short to release the lock."""
     with LOCK:
         if not NATIVE:
-            checked, unchecked, kinds = addresses(["evaluate", "run_kernel", "kinds"], _checked_call, loops=False)
+            checked, unchecked, kinds = addresses(["evaluate", "run_kernel", "kinds"], _checked_call)
             (ctypes.c_int64 * 2).from_address(kinds)[:] = [id(np.ndarray), id(np.dtype(np.float64))]
             words = [ctypes.c_ssize_t] * 4
             NATIVE[:] = [ctypes.PYFUNCTYPE(x, *words)(f) for x, f in ((ctypes.c_ssize_t, checked), (None, unchecked))]

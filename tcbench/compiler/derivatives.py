@@ -292,20 +292,21 @@ class Substitution:
         self.new: dict[int, Symbol] = {node.number: by for node, by in replacement.items()}
 
     def __call__(self, output: Symbol) -> Symbol:
+        return self.all([output])[0]
+
+    def all(self, outputs: Sequence[Symbol]) -> list[Symbol]:
+        """Each of the outputs."""
         new = self.new
-        for node in topological_beyond([output], new):
-            args = tuple(new[a.number] for a in node.args)
-            changed = any(a is not b for a, b in zip(args, node.args, strict=True))
-            new[node.number] = rebuild(node.op, args, node.value) if changed else node
-        return new[output.number]
+        for node in topological_beyond(outputs, new):
+            args = tuple([new[a.number] for a in node.args])
+            same = all(map(operator.is_, args, node.args))
+            new[node.number] = node if same else rebuild(node.op, args, node.value)
+        return [new[x.number] for x in outputs]
 
 
 def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) -> list[Symbol]:
     """The outputs with some nodes replaced, simplified again on the way."""
-    changed = Substitution(replacement)
-    for node in topological_beyond(outputs, changed.new):
-        changed(node)
-    return [changed(node) for node in outputs]
+    return Substitution(replacement).all(outputs)
 
 
 def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:

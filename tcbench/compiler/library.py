@@ -19,7 +19,7 @@ from ..errors import TcbenchError
 from . import language
 from .calls import NATIVE, native, run_kernel
 from .language import Address, Floats, Matrix, call
-from .machine import addresses
+from .machine import LIBRARY, addresses
 from .once import LOCK
 from .records import address_of
 from .values import BOOL, FLOAT, INT, NOTHING, NUMPY, Array, Several, kind_of
@@ -60,7 +60,7 @@ class Library:
         else:
             with LOCK:  # the second of two threads reads what the first compiled
                 module = self._translated()
-                found = addresses(self.entries(), module.text, loops=True)
+                found = addresses(self.entries(), module.text, kind=LIBRARY)
             self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
         return self.__dict__[name]
 

@@ -61,7 +61,7 @@ def _native() -> int:
     """Address of the look."""
     with LOCK:
         if not _NATIVE:
-            look, table = addresses(["look", "python"], _look, loops=False)
+            look, table = addresses(["look", "python"], _look)
             places = (ctypes.c_size_t * len(PYTHON)).from_address(table)
             places[:] = [ctypes.cast(getattr(ctypes.pythonapi, x), ctypes.c_void_p).value or 0 for x in PYTHON]
             _NATIVE.append(look)

@@ -92,7 +92,7 @@ def test_a_full_disk_is_one_sentence(cache, monkeypatch):
 def test_code_that_lacks_a_function_is_refused_never_called(cache):
     """Address 0 was called: a segmentation fault."""
     with pytest.raises(TcbenchError, match=r"lacks other.*tcbench cache clear"):
-        machine.addresses(["kernel", "other"], lambda: _code(TEXT), loops=False)
+        machine.addresses(["kernel", "other"], lambda: _code(TEXT))
 
 
 def test_what_is_kept_under_its_key_is_not_translated_again(cache):
