@@ -8,6 +8,7 @@ import numpy as np
 
 from ..solver.implicit_step import compiled_flows
 from ..systems.multipliers import multipliers
+from ..systems.outside import is_open, supplied
 from .invariants import lost_in
 from .trajectory import Trajectory
 
@@ -118,6 +119,7 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         "second_law_violations": told.second_law_violations,
         **invariant_errors(run),
         **constraint_errors(run),
+        **({f"{kind}_supplied": float(x[-1]) for kind, x in supplied(run).items()} if is_open(scenario.model) else {}),
         **({"invariants_lost": said} if (said := "; ".join(x.sentence for x in lost_in(run))) else {}),
         "lyapunov_increment_max": told.lyapunov_increment_max,
         "residual_max": told.residual_max,

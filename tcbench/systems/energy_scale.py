@@ -6,7 +6,8 @@ energy that moves: the most that has gone from some numbers of the state into ot
     max over t of  1/2 sum_i |W_i(t)|,   W_i(t) = integral of dE/dz_i dz_i,   whose sum over i is 0.
 
 It depends neither on the constant of the energy nor on what never moves: of an oscillator that rubs against a bath it
-is the energy of the oscillator, however large the bath.
+is the energy of the oscillator, however large the bath. So it is of open systems always, which do not count what their
+loads and reservoirs still have.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import TcbenchError
 from .least import REST, energy_terms, exergy_at
+from .outside import is_open
 
 if TYPE_CHECKING:
     from .system import System
@@ -33,7 +35,7 @@ def energy_scale(model: System, z0: NDArray[np.float64], t_end: float) -> float:
     """V0 of a start; where nothing moves, the energy itself, or its least size."""
     least, exergy = float(model.least_energy), exergy_at(model, z0)
     rest = REST * max(least, abs(float(model.energy(z0))))
-    if model.reference_temperature and exergy > rest:
+    if model.reference_temperature and exergy > rest and not is_open(model):  # whose exergy is also that of the outside
         return exergy
     moved = energy_moved(model, z0, t_end)
     if moved > REST * least:

@@ -20,6 +20,7 @@ from ..errors import TcbenchError
 
 if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
+    from .system import System
 
 OUTSIDE: dict[str, tuple[Any, ...]] = {"clock": (), "work": ()}  # variables = {...} | OUTSIDE
 
@@ -35,6 +36,11 @@ def driven(dE: Any, rates: dict[str, Any], **forces: Any) -> dict[str, Any]:
     return rates | moved | {"clock": dE.work, "work": -dE.clock - power}
 
 
+def is_open(model: System) -> bool:
+    """Has it loads and reservoirs among its variables?"""
+    return OUTSIDE.keys() <= model.variables.keys()
+
+
 def supplied(run: Trajectory) -> dict[str, NDArray[np.float64]]:
     """What the outside has given by each recorded time: "work" and, of reservoirs, "heat"; each of shape (m,).
 
@@ -44,7 +50,7 @@ def supplied(run: Trajectory) -> dict[str, NDArray[np.float64]]:
     """
     model = run.scenario.model
     z = model.state(run.z)
-    if not OUTSIDE.keys() <= model.variables.keys():
+    if not is_open(model):
         raise TcbenchError(f"{model.name!r} has no outside: its variables have no 'clock' and 'work' (docs/solids.md).")
     found = {"work": z.work[0] - z.work}
     if "heat" in model.variables:

@@ -1,11 +1,14 @@
 """Open systems: both laws of the whole, exactly, at any step; and the work and heat that were supplied."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import tcbench
 from tcbench import Scenario, System
 from tcbench.errors import TcbenchError
+from tcbench.simulation import metrics
 from tcbench.systems.outside import OUTSIDE, driven, supplied
 
 
@@ -58,6 +61,21 @@ def test_the_supplied_work_converges_to_that_of_a_solver_of_odes():
     truth = supplied(tcbench.simulate("scipy_dop853", HUNG, tolerance=1e-11))["work"][-1]
     assert 3.5 < (work[0] - truth) / (work[1] - truth) < 4.5
     assert abs((4 * work[1] - work[0]) / 3 - truth) < 1e-6
+
+
+def test_the_scale_of_energy_errors_does_not_count_the_outside_and_rows_tell_what_came_in():
+    """However much work the loads have left, and whatever the entropy of a bath at another temperature."""
+
+    class Warm(Hung):
+        reference_temperature = 1.0
+
+    rich = {"work": 1e3, "heat": 1e3}
+    for scenario in (HUNG, replace(HUNG, system=Warm)):
+        assert scenario.replace(**rich).initial_exergy == pytest.approx(scenario.initial_exergy, rel=0.02)
+        run = tcbench.simulate("tc_monolithic", scenario, dt=0.05)
+        row, given = metrics.conservation(run), supplied(run)
+        assert row["work_supplied"] == given["work"][-1] and row["heat_supplied"] == given["heat"][-1] > 0.01
+    assert "work_supplied" not in metrics.conservation(tcbench.simulate("tc_monolithic", "short_term", t_end=0.3))
 
 
 def test_a_closed_system_has_nothing_supplied():
