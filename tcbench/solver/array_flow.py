@@ -5,15 +5,14 @@ As `flow_kernels`, with arrays in the place of numbers, and nothing that depends
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
 
 from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
-from ..compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
+from ..compiler.array_kernels import array_kernel, jacobian_kernel
 from ..compiler.array_mesh import Block, Mesh, Shorts, alone, scattered
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol
@@ -32,54 +31,29 @@ from .kernels_of_flow import FlowKernels
 from .pattern import Pattern
 from .reduction import reduce_arrays
 
-
-@dataclass(frozen=True)
-class ArrayFlow:
-    """A flow without a size: texts, and where the terms of the Jacobian belong."""
-
-    opening: ArrayKernel
-    iterate: ArrayKernel
-    polish: ArrayKernel
-    finish: ArrayKernel
-    full: ArrayKernel
-    unknowns: tuple[Block, ...]
-    terms: tuple[tuple[int, Term], ...]  # which row, and which entries of it
-    positive: tuple[str, ...]  # spaces of temperatures that have to be positive
-    steep: bool
-    shared: tuple[str, ...]  # spaces of what is read by all, or summed and read again: the last of the unknowns
-    constrained: bool = False
-
-    def kernels(self, mesh: Mesh) -> FlowKernels:
-        """For a system of this mesh."""
-        n, positive, empty = mesh.offsets(self.unknowns)[-1], sum(map(mesh.size, self.positive)), kernel({}, [])
-        pattern, places = self._pattern(mesh, n, positive) if n else (None, [])
-        opening = self.opening.kernel(mesh)
-        iterate = self.iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1)
-        return FlowKernels(
-            setup=empty, prologue=opening, opening=opening, iterate=iterate,
-            polish=self.polish.kernel(mesh), finish=self.finish.kernel(mesh), full=self.full.kernel(mesh),
-            n_unknowns=n, n_eliminated=0, n_positive=positive, n_shared=sum(map(mesh.size, self.shared)),
-            pattern=pattern, steep=self.steep, constrained=self.constrained,
-            way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
-        )  # fmt: skip
-
-    def _pattern(self, mesh: Mesh, n: int, positive: int) -> tuple[Pattern, list[Shorts]]:
-        if not self.terms:
-            raise TraceError(ZERO_PIVOT)
-        entries = scattered(mesh, self.unknowns, self.terms)
-        pattern = Pattern(n, entries.rows, entries.columns)
-        if len(np.setdiff1d(pattern.diagonal, pattern.places)):
-            raise TraceError(ZERO_PIVOT)
-        return pattern, entries.places(pattern.places, pattern.nnz + positive)
+Made = Callable[[Mesh], FlowKernels]  # the kernels of a flow for a system of this mesh
 
 
-def array_flow(flow: Flow, system: Any) -> ArrayFlow:
+def _pattern(
+    mesh: Mesh, unknowns: Sequence[Block], terms: Sequence[tuple[int, Term]], positive: int
+) -> tuple[Pattern, list[Shorts]]:
+    """Of the Jacobian; and for each term where its entries are. terms: each with the number of its row."""
+    if not terms:
+        raise TraceError(ZERO_PIVOT)
+    entries = scattered(mesh, unknowns, terms)
+    pattern = Pattern(mesh.offsets(unknowns)[-1], entries.rows, entries.columns)
+    if len(np.setdiff1d(pattern.diagonal, pattern.places)):
+        raise TraceError(ZERO_PIVOT)
+    return pattern, entries.places(pattern.places, pattern.nnz + positive)
+
+
+def array_flow(flow: Flow, system: Any) -> Made:
     """Trace, reduce and differentiate one flow; system: one that stands for all of its kind, of any size."""
     with trace.tracing():
         return _array_flow(flow, system)
 
 
-def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
+def _array_flow(flow: Flow, net: Any) -> Made:
     h, z0 = trace.variable("h"), net.fresh_state("z")
     y0 = net.in_variables(flow.variables, z0)
     steps = [net.fresh_state(f"d{k}") for k in range(1 + flow.stages)]
@@ -134,19 +108,28 @@ def _array_flow(flow: Flow, net: Any) -> ArrayFlow:
     opening = alone(fixed, unknowns * 3)
     reads = {"a": [*alone([None] * len(fixed), unknowns * 3), *kept], "b": alone(unknowns)}
     before, warm = alone(residual, unknowns), alone(positive)
-    return ArrayFlow(
-        opening=array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))], behind=True),
-        iterate=jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], warm, behind=True),
-        polish=array_kernel(reads, before + warm, behind=True),
-        finish=array_kernel(reads, net.blocks(dz)),
-        full=array_kernel(reads, alone(d_dh, unknowns)),
-        unknowns=tuple(alone(unknowns)),
-        terms=tuple((i, term) for i, term, _ in flat),
-        positive=tuple(v.space for v in positive),
-        steep=has_roots(residual),
-        shared=tuple(x.space for x in shared),
-        constrained=bool(impulses),
-    )
+    opened = array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))], behind=True)
+    iterate = jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], warm, behind=True)
+    polish = array_kernel(reads, before + warm, behind=True)
+    finish, full = array_kernel(reads, net.blocks(dz)), array_kernel(reads, alone(d_dh, unknowns))
+    steep, constrained_ = has_roots(residual), bool(impulses)
+    blocks, terms = tuple(alone(unknowns)), tuple((i, term) for i, term, _ in flat)
+    warm_spaces, shared_spaces = [v.space for v in positive], [x.space for x in shared]
+
+    def kernels(mesh: Mesh) -> FlowKernels:
+        n, n_positive, empty = mesh.offsets(blocks)[-1], sum(map(mesh.size, warm_spaces)), kernel({}, [])
+        pattern, places = _pattern(mesh, blocks, terms, n_positive) if n else (None, [])
+        opening = opened.kernel(mesh)
+        return FlowKernels(
+            setup=empty, prologue=opening, opening=opening,
+            iterate=iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1),
+            polish=polish.kernel(mesh), finish=finish.kernel(mesh), full=full.kernel(mesh),
+            n_unknowns=n, n_eliminated=0, n_positive=n_positive, n_shared=sum(map(mesh.size, shared_spaces)),
+            pattern=pattern, steep=steep, constrained=constrained_,
+            way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
+        )  # fmt: skip
+
+    return kernels
 
 
 def _rows(flow: Flow, net: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> Any:
@@ -176,11 +159,11 @@ def _of_size(value: Symbol) -> Symbol:
     return trace.reciprocal(trace.maximum(const(1.0), abs(value)))
 
 
-def flow_of(formula: Flow, hashed: str | None, kind: Any) -> ArrayFlow:
+def flow_of(formula: Flow, hashed: str | None, kind: Any) -> Made:
     """One of a formula with this hash, for all systems of a kind; None: it has none."""
     return array_flow(formula, kind) if hashed is None else _flow_of(formula, hashed, kind)
 
 
 @once
-def _flow_of(formula: Flow, hashed: str, kind: Any) -> ArrayFlow:
+def _flow_of(formula: Flow, hashed: str, kind: Any) -> Made:
     return array_flow(formula, kind)

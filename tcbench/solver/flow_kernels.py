@@ -52,7 +52,7 @@ def build(flow: Flow, system: System) -> FlowKernels:
         if system.large:
             from .array_flow import flow_of
 
-            return flow_of(flow, formula_hash(flow.residual), system.by_arrays).kernels(system.mesh)
+            return flow_of(flow, formula_hash(flow.residual), system.by_arrays)(system.mesh)
         with trace.tracing():
             return _build(flow, symbolic)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler.language import Ints
-from ..compiler.library import Library, callback
+from ..compiler.library import callback
 from ..compiler.once import cached_property
 
 DENSE = 100  # rows up to which LAPACK on the whole matrix takes less time than SuperLU: a tenth of it, of 50 rows
@@ -132,25 +132,12 @@ class Pattern:
         out[2 * n] = signs * _parity(factors.perm_r) * _parity(factors.perm_c)
 
 
-def parity(to: Ints) -> int:
-    """1 for an even permutation, -1 for an odd one, which is undone: each exchange turns the sign.
-
-    Compiled: SciPy's components of a graph, which tell the same, take as long as the factors of 50 rows.
-    """
-    sign = 1
-    for first in range(len(to)):
-        place = first
-        while to[place] != first:  # shorten the cycle to a fixed point
-            following = to[place]
-            to[place] = place
-            place = following
-            sign = -sign
-        to[place] = place
-    return sign
-
-
-LOOPS = Library("permutations", parity)
-
-
 def _parity(permutation: NDArray[Any]) -> int:
-    return int(LOOPS.parity(permutation.astype(np.int64)))
+    """1 for an even permutation, -1 for an odd one: each exchange, which shortens a cycle by one, turns the sign."""
+    sign, to = 1, permutation.tolist()
+    for first in range(len(to)):
+        while to[first] != first:
+            following = to[first]
+            to[first], to[following] = to[following], following
+            sign = -sign
+    return sign

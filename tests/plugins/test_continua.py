@@ -90,7 +90,7 @@ def test_the_matrix_of_newton_is_that_of_differences_where_sums_are_unknowns_of_
     Jacobian of the residual, whose kernel keeps the sums."""
     scenario = solid(1)
     model, (flow,) = scenario.model, tcbench.integrators()["tc_monolithic"].flows
-    kernels = array_flow(flow, model.by_arrays).kernels(model.mesh)
+    kernels = array_flow(flow, model.by_arrays)(model.mesh)
     n, shared, pattern = kernels.n_unknowns, kernels.n_shared, kernels.pattern
     constants = np.array(model.constant_values)
     constants[0] = scenario.dt
