@@ -13,7 +13,6 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from . import language
-from .machine import has_fma
 from .values import FLOAT, INT, NOTHING, Array, Several, Value, constant, say
 from .vector_functions import VectorFunctions
 
@@ -113,33 +112,16 @@ def _pick(body: Expressions, node: ast.Call) -> Value:
 
 
 def _two_product(body: Expressions, node: ast.Call) -> Value:
-    """By fused multiply-add where the processor has it, else as `language` has it: the same bits."""
+    """By fused multiply-add, which C has where the processor has none: the bits of that of `language`."""
     values = [body.value(x) for x in node.args]
     kind = next((x.kind for x in values if width_of(x.kind)), FLOAT)
     x, y = (body.part(v) if v.kind == kind else body.convert(node, v, kind) for v in values)
-    suffix = f"v{width_of(kind)}f64" if width_of(kind) else "f64"
-
-    def do(operation: str, a: str, b: str) -> str:
-        return body.emit(f"{operation} {kind} {a}, {b}")
-
-    product = do("fmul", x, y)
-    if has_fma():
-        body.module.external.add(f"declare {kind} @llvm.fma.{suffix}({kind}, {kind}, {kind})")
-        minus = body.emit(f"fneg {kind} {product}")
-        rest = body.emit(f"call {kind} @llvm.fma.{suffix}({kind} {x}, {kind} {y}, {kind} {minus})")
-        return Value(Several((kind, kind)), (product, rest))
-    split = constant(language.SPLIT)
-    factor = f"<{', '.join([f'{FLOAT} {split}'] * width_of(kind))}>" if width_of(kind) else split
-    halves = []
-    for number in (x, y):
-        scaled = do("fmul", factor, number)
-        high = do("fsub", scaled, do("fsub", scaled, number))
-        halves.append((high, do("fsub", number, high)))
-    (x1, x2), (y1, y2) = halves
-    rest = do("fsub", product, do("fmul", x1, y1))
-    for a, b in ((x2, y1), (x1, y2)):
-        rest = do("fsub", rest, do("fmul", a, b))
-    return Value(Several((kind, kind)), (product, do("fsub", do("fmul", x2, y2), rest)))
+    fma = f"llvm.fma.{f'v{width_of(kind)}f64' if width_of(kind) else 'f64'}"
+    body.module.external.add(f"declare {kind} @{fma}({kind}, {kind}, {kind})")
+    product = body.emit(f"fmul {kind} {x}, {y}")
+    minus = body.emit(f"fneg {kind} {product}")
+    rest = body.emit(f"call {kind} @{fma}({kind} {x}, {kind} {y}, {kind} {minus})")
+    return Value(Several((kind, kind)), (product, rest))
 
 
 def elementary(body: Arithmetic, name: str, kind: Any, values: Sequence[str]) -> Value:

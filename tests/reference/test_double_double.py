@@ -126,17 +126,6 @@ def test_beyond_what_it_is_for_there_is_no_number():
     assert not np.isfinite(parts[5, [0, 3]]).any()
 
 
-def test_without_fused_multiply_add_bits_are_the_same(monkeypatch):
-    """The code for processors that lack it."""
-    from tcbench.compiler import short_vectors
-
-    a, out, other = numbers(9), np.empty(144), np.empty(144)
-    LIBRARY.elementary(a, out)
-    monkeypatch.setattr(short_vectors, "has_fma", lambda: False)
-    Library("tests without fused multiply-add", elementary).elementary(a, other)
-    assert other.tobytes() == out.tobytes()
-
-
 @pytest.mark.skipif(language.PLAIN, reason="everything is plain")
 def test_exact_functions_are_not_contracted():
     code = LIBRARY.code()
