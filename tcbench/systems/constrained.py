@@ -21,11 +21,12 @@ import numpy as np
 from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, is_array, refilled
-from ..compiler.arrays import total, variable
+from ..compiler.arrays import variable
 from ..compiler.derivatives import Symbol, const
 from ..compiler.elimination import factorise
 from ..compiler.normal_rows import cancelled
 from ..errors import TcbenchError, TraceError
+from .state import products, summed
 
 if TYPE_CHECKING:
     from .system import System
@@ -78,14 +79,7 @@ def _lifted(x: Any) -> Any:
 
 def paired(lam: Sequence[Any], g: Sequence[Any]) -> Symbol:
     """lam . g"""
-    whole = const(0.0)
-    for a, b in zip(entries(*lam), entries(*map(_lifted, g)), strict=True):
-        whole = whole + _sum(trace.lifted(a) * trace.lifted(b))
-    return whole
-
-
-def _sum(x: Symbol) -> Symbol:
-    return total("add", x, x.space) if x.space else x
+    return summed(products(entries(*lam), entries(*map(_lifted, g))))
 
 
 def pulled(system: Any, lam: Sequence[Any]) -> Any:
@@ -140,13 +134,8 @@ def closed(
             f"{name}: constraints(z) may restrict positions only: what they read must not feel their force."
         )
     others = {x: _difference(x, held[i]) for i, x in enumerate(d) if i not in moved}
-    rates = trace.substitute(
-        rates, others
-    )  # as the rows themselves give them: the multipliers appear in their own rows
-    power = const(0.0)
-    for slope, rate in zip(slopes, rates, strict=True):
-        power = power + _sum(slope * rate)
-    own = chain_rule.gradient(power, entries(*mu))
+    rates = trace.substitute(rates, others)  # as the rows give them: the multipliers appear in their own rows
+    own = chain_rule.gradient(summed(products(slopes, rates)), entries(*mu))
     own = trace.substitute(own, dict.fromkeys(entries(*mu), const(0.0)))
     if at_once:
         left = entries(*map(_lifted, conditions(system, y0)))
@@ -210,20 +199,12 @@ def _divided(x: Symbol, h: Symbol) -> Symbol | None:
 def velocities(system: Any, z: Any) -> list[Any]:
     """d g/dt along the motion without multipliers, which is that with them: the constraints' velocity form."""
     x = system.unknowns("x")
-    rate = entries(_unpulled(system, x))
+    rate = entries(system.free_rate(x))
     mu = symbols_like(conditions(system, x), "mu")
     slopes = chain_rule.gradient(paired(mu, conditions(system, x)), entries(x))
-    power = const(0.0)
-    for slope, r in zip(slopes, rate, strict=True):
-        power = power + _sum(slope * trace.lifted(r))
-    own = chain_rule.gradient(power, entries(*mu))
+    own = chain_rule.gradient(summed(products(slopes, rate)), entries(*mu))
     here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
     return _blocks_like(mu, trace.substitute(own, here))
-
-
-def _unpulled(system: Any, x: Any) -> Any:
-    dE, dS = system.gradient(x), system.entropy_gradient(x)
-    return system.reversible(x, dE, dS) + system.irreversible(x, dE, dS)
 
 
 def reduced(system: Any, z: Any) -> Any:
@@ -240,18 +221,14 @@ def reduced(system: Any, z: Any) -> Any:
 
 def _solved(system: Any, x: Any) -> list[Symbol]:
     """The multipliers at a state of symbols."""
-    n = len(entries(x))
     dS = system.entropy_gradient(x)
-    free = [trace.lifted(y) for y in entries(_unpulled(system, x))]
+    free = entries(system.free_rate(x))
     g = entries(*map(_lifted, conditions(system, x)))
     slopes = [chain_rule.gradient(trace.lifted(f), entries(x)) for f in g]
     speeds = entries(*velocities(system, x))
     bends = [chain_rule.gradient(trace.lifted(w), entries(x)) for w in speeds]
     pulls = [entries(system.reversible(x, system.state(trace.array(s)), dS)) for s in slopes]
 
-    def product(a: Sequence[Any], b: Sequence[Any]) -> Symbol:
-        return sum((trace.lifted(a[i]) * trace.lifted(b[i]) for i in range(n)), const(0.0))
-
-    A = [[trace.neg(product(bend, pull)) for pull in pulls] for bend in bends]
+    A = [[trace.neg(summed(products(bend, pull))) for pull in pulls] for bend in bends]
     factors, _ = factorise(A)
-    return factors.solve([product(bend, free) for bend in bends])
+    return factors.solve([summed(products(bend, free)) for bend in bends])

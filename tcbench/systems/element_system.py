@@ -21,8 +21,7 @@ from ..compiler.array_symbols import ArraySymbol
 from ..compiler.arrays import variable
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError
-from .array_elements import ArraySlope, temperature_field
-from .operators import Poisson, SparseRows
+from .operators import ShapeGradient
 from .refusals import check_degree, energy_slopes
 from .sizes import check_sizes, how_many
 from .state import LETTERS, State
@@ -203,9 +202,11 @@ class ElementSystem(ThermalVariables, System):
         return self.entropy_variables(np.concatenate([q, p, theta]))
 
     @property
-    def L(self) -> Poisson:
-        """The Poisson matrix: canonical on (q, p), zero on s; an operator, np.asarray(L) makes it dense."""
-        return Poisson(self.n_positions, self.n_elements)
+    def L(self) -> NDArray[np.float64]:
+        """The Poisson matrix: canonical on (q, p), zero on s; shape (size, size)."""
+        n, matrix = self.n_positions, np.zeros((self.size, self.size))
+        matrix[:n, n : 2 * n], matrix[n : 2 * n, :n] = np.eye(n), -np.eye(n)
+        return matrix
 
     @property
     def DS(self) -> NDArray[np.float64]:
@@ -291,14 +292,11 @@ class ElementSystem(ThermalVariables, System):
     @derived
     def temperature_field(self, y: Any) -> Any:
         """d(q, p, theta)/dt, by the chain rule from the vector field."""
-        if self.by_array:
-            return temperature_field(self, y)
-        z = trace.variables("z", self.size)
-        slope = trace.jacobian(list(self.temperature_variables(z)), list(z))
-        here = dict(zip(z, self.entropy_variables(y), strict=True))
-        rate = self.vector_field(self.entropy_variables(y))
-        slope_here = np.array(trace.substitute(list(slope.ravel()), here), dtype=object).reshape(slope.shape)
-        return self.state(slope_here @ rate)
+        z, here = self.unknowns("z"), self.entropy_variables(y)
+        outputs = self.temperature_variables(z)
+        rates = dict(zip(entries(z), map(trace.lifted, entries(self.vector_field(here))), strict=True))
+        moved = trace.along([*map(trace.lifted, entries(outputs))], rates)
+        return refilled(outputs, trace.substitute(moved, dict(zip(entries(z), entries(here), strict=True))))
 
     def assemble(self, by_q: Any, p: Any, theta: Any) -> State:
         """A gradient of the energy from its parts: by the positions (n_positions,), momenta p, temperatures theta."""
@@ -323,15 +321,9 @@ class ElementSystem(ThermalVariables, System):
         """Derivatives of a number by an array of variables (as `fresh` makes them), which it is a function of."""
         return refilled(by, chain_rule.gradient(trace.lifted(value), entries(by)))
 
-    def shape_gradient(self, q: Any) -> Any:
+    def shape_gradient(self, q: Any) -> ShapeGradient:
         """d(shape)/dq at q, shape (n_elements, n_positions); an operator."""
-        if self.by_array:
-            return ArraySlope(self.shape, self.fresh("q", "position"), q)
-        q_ = self.fresh("q", "position")
-        rows = trace.sparse_jacobian(list(self.shape(q_)), list(q_))
-        slopes = [slope for row in rows for slope in row.values()]
-        found = iter(trace.substitute(slopes, dict(zip(q_, q, strict=True))))
-        return SparseRows([{j: next(found) for j in row} for row in rows], self.n_positions)
+        return ShapeGradient(self, q)
 
     def check_shape(self, q: Any) -> None:
         """TraceError where the strain measures are not at most quadratic in q."""

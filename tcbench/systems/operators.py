@@ -1,115 +1,55 @@
-"""Matrices applied without being formed: L and d(shape)/dq. A product costs as many operations as they have entries."""
+"""Matrices applied without being formed: the slope of the strain measures, and authors' matrices projected."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..compiler.symbols import Symbol, array, const, is_const
+from ..compiler import chain_rule
+from ..compiler import derivatives as trace
+from ..compiler.array_states import entries, refilled
 
-
-class Operator(np.lib.mixins.NDArrayOperatorsMixin):
-    """A matrix that is applied without being made; as an array (for all but @) it is dense.
-
-    shape : of the matrix. Subclasses give `times(x)` = matrix @ x, `before(x)` = x @ matrix for x (n,), and `dense()`.
-    """
-
-    shape: tuple[int, int]
-
-    def times(self, x: Any) -> Any:
-        raise NotImplementedError
-
-    def before(self, x: Any) -> Any:
-        raise NotImplementedError
-
-    def dense(self) -> NDArray[Any]:
-        raise NotImplementedError
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return self.dense().astype(dtype) if dtype else self.dense()
-
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        if ufunc is np.matmul and method == "__call__" and len(inputs) == 2:
-            left, right = inputs
-            if isinstance(left, Operator) and np.ndim(right) == 1:
-                return left.times(right)
-            if isinstance(right, Operator) and np.ndim(left) == 1:
-                return right.before(left)
-        return getattr(ufunc, method)(*(x.dense() if isinstance(x, Operator) else x for x in inputs), **options)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.dense()[index]
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    @property
-    def T(self) -> NDArray[Any]:
-        return self.dense().T
+if TYPE_CHECKING:
+    from .element_system import ElementSystem
 
 
-class Poisson(Operator):
-    """The canonical matrix on (q, p), zero on s; shape (2 n + m, 2 n + m) for n positions and m elements."""
+class ShapeGradient:
+    """d(shape)/dq at q, shape (n_elements, n_positions), on symbols: `slope @ v` are the rates of the strain measures,
+    shape (n_elements,), of rates v of the positions; `stress @ slope` are forces, shape (n_positions,)."""
 
-    def __init__(self, n_positions: int, n_elements: int) -> None:
-        self.n, self.m = n_positions, n_elements
-        self.shape = (2 * n_positions + n_elements, 2 * n_positions + n_elements)
+    __array_ufunc__ = None  # numpy leaves `@` to this class
 
-    def times(self, x: Any) -> Any:
-        x, n = np.asanyarray(x), self.n
-        if x.shape != (self.shape[0],):
-            raise ValueError(f"L has shape {self.shape} and is applied to shape {x.shape}")
-        still = array([const(0.0)] * self.m) if x.dtype == object else np.zeros(self.m)
-        found = np.concatenate([x[n : 2 * n], -x[:n], still]).view(type(x))
-        found.__array_finalize__(x)  # a state stays one
-        return found
+    def __init__(self, system: ElementSystem, q: Any) -> None:
+        self.system, self.q, self.variables = system, q, system.fresh("q", "position")
+        self.values = system.shape(self.variables)
 
-    def before(self, x: Any) -> Any:
-        return self.times(-np.asarray(x))  # L is skew
+    def __matmul__(self, v: Any) -> Any:
+        rate = self.system.fresh("rate", "position")
+        found = trace.along(list(entries(self.values)), _pairs(self.variables, rate))
+        return refilled(self.values, self._here(found, rate, v))
 
-    def dense(self) -> NDArray[np.float64]:
-        n, matrix = self.n, np.zeros(self.shape)
-        matrix[:n, n : 2 * n] = np.eye(n)
-        matrix[n : 2 * n, :n] = -np.eye(n)
-        return matrix
+    def __rmatmul__(self, stress: Any) -> Any:
+        held = self.system.fresh("stress", "element")
+        found = chain_rule.gradient(trace.lifted((held * self.values).sum()), entries(self.variables))
+        return refilled(self.variables, self._here(found, held, stress))
+
+    def _here(self, found: Any, variables: Any, values: Any) -> Any:
+        return trace.substitute(found, _pairs(self.variables, self.q) | _pairs(variables, values))
 
 
-class SparseRows(Operator):
-    """A matrix of symbols, given by its rows: column -> entry."""
-
-    def __init__(self, rows: Sequence[Mapping[int, Symbol]], columns: int) -> None:
-        self.rows, self.shape = rows, (len(rows), columns)
-
-    def times(self, x: Any) -> Any:
-        zero = const(0.0)
-        return array(sum((row[j] * x[j] for j in sorted(row)), zero) for row in self.rows)
-
-    def before(self, x: Any) -> Any:
-        zero, terms = const(0.0), [[] for _ in range(self.shape[1])]  # type: ignore[var-annotated]
-        for i, row in enumerate(self.rows):
-            for j, entry in row.items():
-                terms[j].append((i, entry))
-        return array(sum((x[i] * entry for i, entry in column), zero) for column in terms)
-
-    def dense(self) -> NDArray[np.object_]:
-        found = np.full(self.shape, const(0.0), dtype=object)
-        for i, row in enumerate(self.rows):
-            for j, entry in row.items():
-                found[i, j] = entry
-        return found
+def _pairs(variables: Any, values: Any) -> Mapping[Any, Any]:
+    return dict(zip(entries(variables), map(trace.lifted, entries(values)), strict=True))
 
 
 def projected(matrix: Any, x: Any, kernel: Any) -> Any:
-    """Q A Q^T x with Q^T kernel = 0: skew or positive as A is, and exactly orthogonal to the kernel."""
+    """Q A Q^T x with Q^T kernel = 0: skew or positive as A (n, n) is, and exactly orthogonal to the kernel (n,)."""
     matrix = np.asarray(matrix, dtype=object)
-    if not any(isinstance(entry, Symbol) or entry != 0 for entry in matrix.ravel()):
-        return array([const(0.0)] * len(kernel))
-    if all(is_const(entry, 0.0) if isinstance(entry, Symbol) else entry == 0 for entry in kernel):  # S is constant
-        product: Any = matrix @ x
-        return product
+    if not any(isinstance(entry, trace.Symbol) or entry != 0 for entry in matrix.ravel()):
+        return trace.array([trace.const(0.0)] * len(kernel))
+    if all(trace.is_const(trace.lifted(entry), 0.0) for entry in kernel):  # S is constant
+        return matrix @ x
     size = kernel @ kernel
     y = matrix @ (x - kernel * ((kernel @ x) / size))
     return y - kernel * ((kernel @ y) / size)

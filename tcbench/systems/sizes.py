@@ -6,7 +6,7 @@ numpy's, in one method here and in another there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..errors import TcbenchError
 if TYPE_CHECKING:
     from .element_system import ElementSystem
 
-_KNOWN: set[Any] = set()
+_CHECKED: set[Any] = set()
 
 
 def how_many(system: ElementSystem, positions: Any, temperatures: Any) -> tuple[int, int]:
@@ -29,48 +29,44 @@ def how_many(system: ElementSystem, positions: Any, temperatures: Any) -> tuple[
 
 
 def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
-    """TcbenchError where a function of the author's gives another number of values than is asked of it."""
-    if system.structure in _KNOWN:
+    """TcbenchError where a function of the author's gives another number of values than is asked of it.
+
+    q, p: shape (n_positions,); theta: shape (n_elements,)."""
+    if system.structure in _CHECKED:
         return
     n, m = system.n_positions, system.n_elements
-    _exact(system, "shape", m, "element", q)
-    _exact(system, "entropies", m, "element", q, theta)
-    _exact(system, "element_energy", m, "element", system.shape(q), system.entropies(q, theta))
-    _exact(system, "conduction", m, "element", theta)
+    each, one = f"it gives {m} numbers, one for each element", "it gives one number"
+    pi, s = (_checked(system, name, [(m,)], each, *given) for name, given in (("shape", [q]), ("entropies", [q, theta])))
+    _checked(system, "element_energy", [(m,)], each, pi, s)
+    _checked(system, "conduction", [(m,)], each, theta)
     for name, count, of in (("inertia", n, "position"), ("entropy_scale", m, "element")):
-        value = _numbers(system, name)
-        if value.shape not in ((), (1,), (count,)):
-            raise _refused(system, name, value.shape, f"it gives one number, or {count}: one for each {of}")
-    if (offset := _numbers(system, "exergy_offset")).shape:
-        raise _refused(system, "exergy_offset", offset.shape, "it gives one number")
+        _checked(system, name, [(), (1,), (count,)], f"{one}, or {count}: one for each {of}")
+    _checked(system, "exergy_offset", [()], one)
     named = _called(system, "invariants", q, p)
     if not isinstance(named, Mapping):
         raise _refused(system, "invariants", named, "it gives a dict: name -> number")
     for key, value in named.items():
         if np.shape(value):
             raise _refused(system, "invariants", np.shape(value), f"each is one number, {key!r} too")
-    _KNOWN.add(system.structure)
+    _CHECKED.add(system.structure)
 
 
-def _exact(system: ElementSystem, name: str, count: int, of: str, *arguments: Any) -> None:
-    value = _numbers(system, name, *arguments)
-    if value.shape != (count,):
-        raise _refused(system, name, value.shape, f"it gives {count} numbers, one for each {of}")
-
-
-def _numbers(system: ElementSystem, name: str, *arguments: Any) -> Any:
+def _checked(system: ElementSystem, name: str, shapes: list[Any], wanted: str, *arguments: Any) -> Any:
+    """What the author's function gives, of one of these shapes."""
     value = _called(system, name, *arguments)
     try:
-        return np.asarray(value, dtype=float)
+        array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise _refused(system, name, value, "it gives numbers") from None
+    if array.shape not in shapes:
+        raise _refused(system, name, array.shape, wanted)
+    return array
 
 
 def _called(system: ElementSystem, name: str, *arguments: Any) -> Any:
-    function: Callable[..., Any] = getattr(system, name)
     try:
         with np.errstate(all="ignore"):
-            return function(*arguments)
+            return getattr(system, name)(*arguments)
     except TcbenchError:
         raise
     except Exception as error:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.array_states import Blocks, is_array
 from ..compiler.array_tensors import SymbolArray
+from ..compiler.arrays import total
+from ..compiler.derivatives import Symbol
 from ..compiler.formula_hash import formula_hash
 
 if TYPE_CHECKING:
@@ -92,6 +95,16 @@ def laid_out(variables: Mapping[str, tuple[int, ...]]) -> Layout:
 def blocks_of(system: System, z: Any) -> list[Any]:
     """A state of symbols or of arrays as its variables, one after the other."""
     return z.blocks if is_array(z) else [np.asarray(z)[slice(*system.layout[name][:2])] for name in system.variables]
+
+
+def products(a: Sequence[Any], b: Sequence[Any]) -> list[Symbol]:
+    """Entry by entry, of numbers and of arrays over spaces."""
+    return [trace.lifted(x) * trace.lifted(y) for x, y in zip(a, b, strict=True)]
+
+
+def summed(values: Sequence[Symbol]) -> Symbol:
+    """The sum of numbers and of arrays over spaces: one number."""
+    return reduce(trace.add, (total("add", x, x.space) if x.space else x for x in values), trace.const(0.0))
 
 
 def formulas_hash(kind: type[System]) -> str:

@@ -30,7 +30,7 @@ from .declaration import check_declared, checked_constant, finite, named_constan
 from .least_sizes import LeastSizes
 from .operators import projected
 from .refusals import check_attribute, check_class
-from .state import Layout, State, fixed, formulas_hash, in_one_row, laid_out
+from .state import Layout, State, fixed, formulas_hash, in_one_row, laid_out, products, summed
 from .traced import OF_LAWS, derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
@@ -313,6 +313,14 @@ class System(LeastSizes):
         found = [chain_rule.discrete_gradient(trace.lifted(f), entries(x), start, step) for f in self.momenta(x)]
         return [self.state(refilled(x, slopes)) for slopes in found]
 
+    @derived
+    def invariant_rates(self, z: Any) -> Any:
+        """dJ/dt of each invariant as if there were no constraints, and behind these the sizes of the terms that each
+        is the sum of, shape (2 n_invariants,)."""
+        rates = entries(self.free_rate(z))
+        terms = [products(entries(slopes), rates) for slopes in self.momenta_gradients(z)]
+        return trace.array(map(summed, [*terms, *([abs(x) for x in row] for row in terms)]))
+
     @property
     def invariant_names(self) -> tuple[str, ...]:
         """Names of what else is conserved."""
@@ -400,8 +408,7 @@ class System(LeastSizes):
                     "midpoint_entropy"
                 )
             return constrained.reduced(self, z)
-        covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
-        return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
+        return self.free_rate(z)
 
     @derived
     def jacobian(self, z: Any) -> Any:
