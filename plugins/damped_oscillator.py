@@ -5,7 +5,7 @@ And the same on a linear spring, `linear_oscillator`, U = k q^2/2, a family of i
 
 import numpy as np
 
-from tcbench import Scenario, ScenarioFamily, System, TcbenchError, hookimpl
+from tcbench import Scenario, ScenarioFamily, System, hookimpl
 
 SOURCE = "Shang and Ottinger (2020), Proc. R. Soc. A 476: 20190446, with U = -cos q"
 
@@ -58,14 +58,10 @@ class LinearOscillator(DampedOscillator):
 
 
 def linear(friction):
-    try:
-        value = float(friction)
-    except ValueError:
-        raise TcbenchError(f"The friction of linear_oscillator is a number, not {friction!r}.") from None
     return Scenario(
         name="linear_oscillator",
         system=LinearOscillator,
-        constants={"mass": 1, "stiffness": 1, "friction": value, "reference_temperature": 1},
+        constants={"mass": 1, "stiffness": 1, "friction": friction, "reference_temperature": 1},
         initial={"q": 2, "p": 0, "s": 0},
         t_end=200,
         dt=0.3,
@@ -79,7 +75,7 @@ def tcbench_scenarios():
     return [
         ScenarioFamily(
             "linear_oscillator", make=linear, defaults={"friction": "0.01"}, shows="friction on a linear spring",
-            source=LinearOscillator.source,
+            source=LinearOscillator.source, takes={"friction": float},
         ),
         Scenario(
             name="damped_oscillator",

@@ -7,7 +7,7 @@ gives the numbers, the same everywhere and for ever. A range may be written anew
 from tcbench import Range, Scenario, ScenarioFamily, hookimpl
 from tcbench.systems.pendulum import Pendulum
 from tcbench.systems.sampling import rounded
-from tcbench.systems.scenario import around
+from tcbench.systems.scenario_family import around
 
 from . import damped_oscillator, heavy_top, reaction, rigid_body, rubbing_piston, viscous_pendulum
 

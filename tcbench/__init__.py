@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from .systems.element_system import ElementSystem
     from .systems.pendulum import Pendulum
     from .systems.sampling import Range
-    from .systems.scenario import Scenario, ScenarioFamily
+    from .systems.scenario import Scenario
+    from .systems.scenario_family import ScenarioFamily
     from .systems.system import System
     from .table import Column, Table
 
@@ -51,7 +52,8 @@ _NAMES = {
     "systems.element_system": ("ElementSystem",),
     "systems.pendulum": ("Pendulum",),
     "systems.sampling": ("Range",),
-    "systems.scenario": ("Scenario", "ScenarioFamily"),
+    "systems.scenario": ("Scenario",),
+    "systems.scenario_family": ("ScenarioFamily",),
     "systems.system": ("System",),
     "table": ("Column", "Table"),
 }

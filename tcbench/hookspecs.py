@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from .integrator import Integrator
     from .metric import Metric
     from .study import Study
-    from .systems.scenario import Scenario, ScenarioFamily
+    from .systems.scenario import Scenario
+    from .systems.scenario_family import ScenarioFamily
 
 PROJECT = "tcbench"
 hookspec = pluggy.HookspecMarker(PROJECT)

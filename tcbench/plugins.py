@@ -19,7 +19,8 @@ from .loading.registry import Origin as Origin
 from .loading.registry import Registry, foreign_origins, load, loading
 from .metric import Metric
 from .progress import waiting
-from .systems.scenario import Scenario, ScenarioFamily
+from .systems.scenario import Scenario
+from .systems.scenario_family import ScenarioFamily
 
 _VARIANT = re.compile(r"(?P<base>[^\[\]]+)\[(?P<values>[^\[\]]*)\]\Z")
 

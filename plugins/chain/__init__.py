@@ -3,16 +3,11 @@
 from tcbench import ScenarioFamily, hookimpl
 
 
-def chain_of(n, viscosity):
-    from . import chain  # networks are imported when one is asked for, not when plugins are listed
-
-    return chain.chain_of(n, viscosity)
-
-
 @hookimpl
 def tcbench_scenarios():
     return [
         ScenarioFamily(
-            "chain", chain_of, {"n": "8", "viscosity": ""}, "cost against size", "Romero (2009), section 4, n masses"
+            "chain", f"{__name__}.chain:dashed_chain", {"n": "8", "viscosity": ""}, "cost against size",
+            "Romero (2009), section 4, n masses", takes={"n": (2, 100_000), "viscosity": float},
         )
-    ]
+    ]  # fmt: skip

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork, springs_of, whole_numbers
+from tcbench.systems.spring_network import SpringNetwork, springs_of
 from tcbench.systems.viscous_springs import with_dashpots
-
-MOST_MASSES = 100_000  # the arrays of one state of more would hardly be meant
 
 
 class Chain(SpringNetwork):
@@ -47,7 +45,6 @@ def chain(n: int, **changes: Any) -> Scenario:
     return scenario.replace(**changes) if changes else scenario
 
 
-def chain_of(n: str, viscosity: str = "") -> Scenario:
-    """`chain` for the command line: n in words."""
-    least = f"A chain has a whole number of masses, at least 2 and at most {MOST_MASSES}: chain[n=8]"
-    return with_dashpots(chain(*whole_numbers(least, 2, MOST_MASSES, n)), viscosity)
+def dashed_chain(n: int, viscosity: float | None = None) -> Scenario:
+    """A chain with dashpots of this viscosity beside its springs."""
+    return with_dashpots(chain(n), viscosity)

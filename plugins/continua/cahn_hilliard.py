@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, System
-from tcbench.systems.spring_network import whole_numbers
-
-MOST = 400  # cells along a side
 
 
 class CahnHilliard(System):
@@ -79,10 +76,3 @@ def cahn_hilliard(n: int, **changes: Any) -> Scenario:
         source="Cahn and Hilliard (1958), J. Chem. Phys. 28:258, with heat",
     )  # fmt: skip
     return scenario.replace(**changes) if changes else scenario
-
-
-def cahn_hilliard_of(n: str) -> Scenario:
-    """`cahn_hilliard` for the command line: n in words."""
-    return cahn_hilliard(
-        *whole_numbers(f"A square has 3 to {MOST} cells along a side: cahn_hilliard[n=16]", 3, MOST, n)
-    )

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, System
-from tcbench.systems.spring_network import whole_numbers
 
-MOST, GAMMA = 100_000, 1.4
+GAMMA = 1.4
 
 
 class GasTube(System):
@@ -80,8 +79,3 @@ def gas_tube(n: int, **changes: Any) -> Scenario:
         source="Sod (1978), J. Comput. Phys. 27:1, in Lagrangian form with viscosity and conduction",
     )  # fmt: skip
     return scenario.replace(**changes) if changes else scenario
-
-
-def gas_tube_of(n: str) -> Scenario:
-    """`gas_tube` for the command line: n in words."""
-    return gas_tube(*whole_numbers(f"A tube has a whole number of cells, 4 to {MOST}: gas_tube[n=100]", 4, MOST, n))

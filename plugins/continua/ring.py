@@ -10,9 +10,6 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, System
-from tcbench.systems.spring_network import whole_numbers
-
-MOST = 100_000
 
 
 class Ring(System):
@@ -85,8 +82,3 @@ def ring(n: int, **changes: Any) -> Scenario:
         source="rotating ring with bending, by squared lengths and second differences",
     )  # fmt: skip
     return scenario.replace(**changes) if changes else scenario
-
-
-def ring_of(n: str) -> Scenario:
-    """`ring` for the command line: n in words."""
-    return ring(*whole_numbers(f"A ring has a whole number of nodes, 4 to {MOST}: ring[n=24]", 4, MOST, n))

@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, System
-from tcbench.systems.spring_network import whole_numbers
-
-MOST = 100_000
 
 
 class Rod(System):
@@ -94,8 +91,3 @@ def rod(n: int, **changes: Any) -> Scenario:
         source="shear-flexible rod: Reissner (1972), ZAMP 23:795; Simo and Vu-Quoc (1986), J. Appl. Mech. 53:849",
     )  # fmt: skip
     return scenario.replace(**changes) if changes else scenario
-
-
-def rod_of(n: str) -> Scenario:
-    """`rod` for the command line: n in words."""
-    return rod(*whole_numbers(f"A rod has a whole number of elements, 2 to {MOST}: rod[n=20]", 2, MOST, n))

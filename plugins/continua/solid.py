@@ -10,11 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tcbench import Scenario, System, TcbenchError
+from tcbench import Scenario, System
 from tcbench.fem import needed, tabulate
-from tcbench.systems.spring_network import whole_numbers
-
-MOST = 40  # elements along the side of a cube: 600,000 numbers
 
 
 class Solid(System):
@@ -130,15 +127,3 @@ def solid(n: int, element: str = "tet", viscosity: float | None = None, **change
         source="L-shaped block: Simo and Tarnow (1992), ZAMP 43:757; Romero (2010), IJNME 84:588",
     )  # fmt: skip
     return scenario.replace(**changes) if changes else scenario
-
-
-def solid_of(n: str, element: str, viscosity: str) -> Scenario:
-    """`solid` for the command line, in words."""
-    (size,) = whole_numbers(f"A block has 1 to {MOST} elements along a cube's side: solid[n=2]", 1, MOST, n)
-    if element not in ("tet", "hex"):
-        raise TcbenchError(f"The elements of a solid are tet or hex, not {element!r}: solid[n=2,element=hex].")
-    try:
-        value = float(viscosity) if viscosity else None
-    except ValueError:
-        raise TcbenchError(f"A viscosity is a number, not {viscosity!r}: solid[n=2,viscosity=0.5].") from None
-    return solid(size, element, value)

@@ -2,45 +2,25 @@
 
 from tcbench import ScenarioFamily, hookimpl
 
-
-def net_of(nx, ny, viscosity):
-    from . import net  # networks are imported when one is asked for, not when plugins are listed
-
-    return net.net_of(nx, ny, viscosity)
-
-
-def truss_of(nx, ny, nz, viscosity):
-    from . import truss
-
-    return truss.truss_of(nx, ny, nz, viscosity)
-
-
-def bar_of(n):
-    from . import bar
-
-    return bar.bar_of(n)
+SPRINGS = "Romero (2009), section 4, with the masses and springs of a"
+BAR = "standard linear solid with heat conduction, linear finite elements; dimensionless"
+DASHPOTS = {"viscosity": float}  # of dashpots beside each spring; none
 
 
 @hookimpl
 def tcbench_scenarios():
-    dashpots = {"viscosity": ""}  # of those beside each spring; none
-    source = "Romero (2009), section 4, with the masses and springs of a"
     return [
         ScenarioFamily(
-            "net", net_of, {"nx": "4", "ny": "4"} | dashpots, "cost against size, in the plane", f"{source} net"
+            "net", f"{__name__}.net:dashed_net", {"nx": "4", "ny": "4", "viscosity": ""},
+            "cost against size, in the plane", f"{SPRINGS} net", takes={"nx": (2, 1000), "ny": (2, 1000)} | DASHPOTS,
         ),
         ScenarioFamily(
-            "truss3d",
-            truss_of,
-            {"nx": "2", "ny": "2", "nz": "4"} | dashpots,
-            "cost against size, in space",
-            f"{source} bar",
+            "truss3d", f"{__name__}.truss:dashed_truss", {"nx": "2", "ny": "2", "nz": "4", "viscosity": ""},
+            "cost against size, in space", f"{SPRINGS} bar",
+            takes={"nx": (2, 200), "ny": (2, 200), "nz": (1, 200)} | DASHPOTS,
         ),
         ScenarioFamily(
-            "bar",
-            bar_of,
-            {"n": "20"},
-            "a continuum: waves in a bar that relaxes and conducts",
-            "standard linear solid with heat conduction, linear finite elements; dimensionless",
+            "bar", f"{__name__}.bar:bar", {"n": "20"}, "a continuum: waves in a bar that relaxes and conducts", BAR,
+            takes={"n": (2, 100_000)},
         ),
-    ]
+    ]  # fmt: skip

@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, System
-from tcbench.systems.spring_network import whole_numbers
-
-MOST = 100_000  # elements
 
 
 class Bar(System):
@@ -87,8 +84,3 @@ def bar(n: int, **changes: Any) -> Scenario:
         source="standard linear solid with heat conduction, linear finite elements; dimensionless",
     )  # fmt: skip
     return scenario.replace(**changes) if changes else scenario
-
-
-def bar_of(n: str) -> Scenario:
-    """`bar` for the command line: n in words."""
-    return bar(*whole_numbers(f"A bar has a whole number of elements, 2 to {MOST}: bar[n=20]", 2, MOST, n))

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario
-from tcbench.systems.spring_network import SpringNetwork, springs_of, whole_numbers
+from tcbench.systems.spring_network import SpringNetwork, springs_of
 from tcbench.systems.viscous_springs import with_dashpots
 
-MOST = 1000  # masses along a side
 SPACING = 1.1
 
 
@@ -52,7 +51,6 @@ def net(nx: int, ny: int, **changes: Any) -> Scenario:
     return scenario.replace(**changes) if changes else scenario
 
 
-def net_of(nx: str, ny: str, viscosity: str = "") -> Scenario:
-    """`net` for the command line: sizes in words."""
-    sizes = whole_numbers(f"A net has 2 to {MOST} masses along each side: net[nx=10,ny=10]", 2, MOST, nx, ny)
-    return with_dashpots(net(*sizes), viscosity)
+def dashed_net(nx: int, ny: int, viscosity: float | None = None) -> Scenario:
+    """A net with dashpots of this viscosity beside its springs."""
+    return with_dashpots(net(nx, ny), viscosity)

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, TcbenchError
-from tcbench.systems.spring_network import SpringNetwork, springs_of, whole_numbers
+from tcbench import Scenario
+from tcbench.systems.spring_network import SpringNetwork, springs_of
 from tcbench.systems.viscous_springs import with_dashpots
 
-MOST = 200  # masses along an edge
 NEIGHBOURS = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, -1, 0), (1, 0, -1), (0, 1, -1)]
 
 
@@ -58,10 +57,6 @@ def truss(nx: int, ny: int, nz: int, **changes: Any) -> Scenario:
     return scenario.replace(**changes) if changes else scenario
 
 
-def truss_of(nx: str, ny: str, nz: str, viscosity: str = "") -> Scenario:
-    """`truss` for the command line: sizes in words."""
-    edges = f"A bar has 1 to {MOST} masses along each edge: truss3d[nx=2,ny=2,nz=8]"
-    sizes = whole_numbers(edges, 1, MOST, nx, ny, nz)
-    if min(sizes[:2]) < 2:
-        raise TcbenchError("A bar has at least 2 by 2 masses across: truss3d[nx=2,ny=2,nz=8].")
-    return with_dashpots(truss(*sizes), viscosity)
+def dashed_truss(nx: int, ny: int, nz: int, viscosity: float | None = None) -> Scenario:
+    """A truss with dashpots of this viscosity beside its springs."""
+    return with_dashpots(truss(nx, ny, nz), viscosity)

@@ -4,52 +4,23 @@ from tcbench import ScenarioFamily, hookimpl
 
 from .sources import BETSCH, DIRECTORS
 
-
-def rods_of(n):
-    from . import rods  # imported when one is asked for, not when plugins are listed
-
-    return rods.chain_of(n)
-
-
-def loop_of(n):
-    from . import rods
-
-    return rods.loop_of(n)
-
-
-def four_masses_of(spin):
-    from . import rods
-
-    return rods.four_masses_of(spin)
-
-
-def director_body_of(spin):
-    from . import directors
-
-    return directors.body_of(spin)
-
-
-def director_rod_of(n):
-    from . import directors
-
-    return directors.rod_of(n)
+FAMILIES = (  # name, what makes it, its parameter and which it may be, what it shows, source
+    ("rods", "rods:chain", {"n": "3"}, {"n": (1, 100_000)},
+     "rigid rods: a pendulum of n links whose joints rub and warm", BETSCH),
+    ("rod_loop", "rods:loop", {"n": "6"}, {"n": (5, 100_000)}, "a closed loop of rigid rods, which rubs itself stiff",
+     BETSCH),  # with joints that differ
+    ("four_masses", "rods:four_masses", {"spin": "1"}, {"spin": float}, "a rigid body: four masses and six rigid rods",
+     BETSCH),
+    ("director_body", "directors:body", {"spin": "1"}, {"spin": float}, "a rigid body in directors with a liquid core",
+     DIRECTORS),
+    ("director_rod", "directors:rod", {"n": "4"}, {"n": (2, 100_000)}, "a warm rod in directors bends and twists",
+     DIRECTORS),
+)  # fmt: skip
 
 
 @hookimpl
 def tcbench_scenarios():
     return [
-        ScenarioFamily(*each)
-        for each in (
-            ("rods", rods_of, {"n": "3"}, "rigid rods: a pendulum of n links whose joints rub and warm", BETSCH),
-            ("rod_loop", loop_of, {"n": "6"}, "a closed loop of rigid rods, which rubs itself stiff", BETSCH),
-            ("four_masses", four_masses_of, {"spin": "1"}, "a rigid body: four masses and six rigid rods", BETSCH),
-            (
-                "director_body",
-                director_body_of,
-                {"spin": "1"},
-                "a rigid body in directors with a liquid core",
-                DIRECTORS,
-            ),
-            ("director_rod", director_rod_of, {"n": "4"}, "a warm rod in directors bends and twists", DIRECTORS),
-        )
+        ScenarioFamily(name, f"{__name__}.{make}", settings, *told, takes=takes)
+        for name, make, settings, takes, *told in FAMILIES
     ]

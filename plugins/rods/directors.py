@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 
 from tcbench import Scenario, System
-from tcbench.systems.spring_network import whole_numbers
 
-from .rods import ANGULAR, number
+from .rods import ANGULAR
 from .sources import DIRECTORS
 
-MOST = 20_000  # elements of a rod
 INERTIA = (0.1, 0.2, 0.3)  # Euler's, of each director; about its axis the body has the sum of the two others
 
 
@@ -175,11 +173,3 @@ def rod(n: int) -> Scenario:
         shows="a warm rod in directors bends and twists",
         source=DIRECTORS,
     )  # fmt: skip
-
-
-def body_of(spin: str) -> Scenario:
-    return body(number("director_body", "spin", spin))
-
-
-def rod_of(n: str) -> Scenario:
-    return rod(*whole_numbers(f"A rod has 2 to {MOST} elements: director_rod[n=4]", 2, MOST, n))

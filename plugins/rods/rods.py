@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System, TcbenchError
-from tcbench.systems.spring_network import whole_numbers
+from tcbench import Scenario, System
 
 from .sources import BETSCH
 
-MOST = 100_000  # rods
 GRAVITY = 9.81
 ANGULAR = "angular_momentum_"
 
@@ -138,26 +136,3 @@ def four_masses(spin: float) -> Scenario:
         "four_masses", q, mass[:, None] * v, 0.1 * np.arange(4), [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]],
         [[0, 1], [2, 3]], mass, False, t_end=5.0, shows="a rigid body: four masses and six rigid rods",
     )  # fmt: skip
-
-
-def chain_of(n: str) -> Scenario:
-    return chain(*whole_numbers(f"A pendulum of rods has 1 to {MOST} links: rods[n=3]", 1, MOST, n))
-
-
-def loop_of(n: str) -> Scenario:
-    return loop(*whole_numbers(f"A loop has 5 to {MOST} rods, with joints that differ: rod_loop[n=6]", 5, MOST, n))
-
-
-def four_masses_of(spin: str) -> Scenario:
-    return four_masses(number("four_masses", "spin", spin))
-
-
-def number(family: str, name: str, text: str) -> float:
-    """A finite number of words."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise TcbenchError(f"{family}[{name}={text}]: {name} is a number, such as {family}[{name}=2].")
-    return value

@@ -26,7 +26,8 @@ from ..errors import TcbenchError, several, shown, unknown_name
 from ..integrator import Integrator
 from ..metric import Metric
 from ..study import Study
-from ..systems.scenario import Scenario, ScenarioFamily
+from ..systems.scenario import Scenario
+from ..systems.scenario_family import ScenarioFamily
 from .files import RefusedError, at_home, forget_helpers, import_file, plugin_files
 
 GROUP = "tcbench"

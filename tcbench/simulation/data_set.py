@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from ..errors import TcbenchError, needs_folder, writing
 from ..files import written
 from ..reference import pairs
-from ..systems.sampling import Draw, Range, rounded
-from ..systems.scenario import NEAR, Scenario
+from ..systems.sampling import Draw, Range
+from ..systems.scenario import Scenario
+from ..systems.scenario_family import TRIES, moved
 from .run import simulate
 from .stepper import stepper
 
 Floats = NDArray[np.float64]
-TRIES = 100  # of one start, before the spread is called too wide
 FALLBACK, FINER = 1e-11, 1e-13  # tolerances of tc_auto where there is no reference
 SAFETY = 4.0  # the stated error over the gap of two runs, as references have it
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}  # shares of the trajectories
@@ -136,7 +136,7 @@ def starts_around(scenario: Scenario, count: int, spread: float, seed: int) -> l
     found, draw = [scenario], Draw(seed, {"start": Range(-spread, spread)})
     while len(found) < count:
         for _ in range(TRIES):
-            start = {n: _moved(np.asarray(value, float), draw) for n, value in first.items()}
+            start = {n: moved(value, draw, "start") for n, value in first.items()}
             try:
                 found.append(scenario.replace(**(start if scenario.positions else {"initial": start})))
                 break
@@ -145,11 +145,6 @@ def starts_around(scenario: Scenario, count: int, spread: float, seed: int) -> l
         else:
             raise TcbenchError(f"No admissible start was found around {scenario.name!r}: narrow spread. {why}")
     return found
-
-
-def _moved(at: Floats, draw: Draw) -> Any:
-    moves = np.reshape([draw("start") for _ in range(at.size)], at.shape)
-    return rounded(at + np.maximum(NEAR, np.abs(at)) * moves)
 
 
 def _certified(scenario: Scenario, times: Floats, pair: pairs.Pair | None) -> tuple[Floats, Floats, str]:

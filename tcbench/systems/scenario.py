@@ -6,7 +6,7 @@ import copy
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from dataclasses import replace as dataclass_replace
 from typing import Any, cast
@@ -19,18 +19,12 @@ from .declaration import SETTINGS
 from .energy_scale import energy_round_off, energy_scale
 from .least import REST
 from .refusals import Fixed
-from .sampling import Draw, Range, rounded, seed_of
 from .state import fixed, formulas_hash, real
 from .system import System
 
-TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
     "plugin": "a word", "ladder": "numbers"}  # fmt: skip
-KINDS_OF_A_FAMILY = {
-    "name": "a word", "make": "a function or nothing", "sample": "a function or nothing", "defaults": "a mapping",
-    "ranges": "a mapping",
-}  # fmt: skip
 SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
 LENGTHS = ("t_end", "dt", "t_converge", "blowup_factor")
 ELEMENTS = ("positions", "momenta", "temperatures")  # the initial data of an ElementSystem
@@ -251,128 +245,6 @@ class Scenario:
         if not (count := self.t_end / dt) < 2**53:  # beyond, t + dt is t
             raise TcbenchError(f"dt = {dt:g} is so small that the steps to t_end = {self.t_end:g} cannot be counted.")
         return max(1, math.ceil(count - 1e-9))
-
-
-@dataclass(frozen=True)
-class ScenarioFamily:
-    """Scenarios of one kind that differ by parameters: `name[param=value]`. Run when named, not with "all scenarios".
-
-    Give `make` and `defaults`, or `sample` and `ranges`.
-
-    Parameters
-    ----------
-    name : str
-        Of the family.
-    make : function, optional
-        make(**values) -> Scenario of given values, which are strings; TcbenchError for those that it cannot take.
-    defaults : mapping of str to str
-        Every parameter, with the value that it has when the name alone is given.
-    shows, source, plugin : str
-        As of a `Scenario`.
-    sample : function, optional
-        sample(draw) -> a random Scenario, from the numbers of a `Draw`: `name[seed=7]`.
-    ranges : mapping of str to Range
-        What it draws, dimensionless in the built-in families; `name[seed=7,stiffness=10:300]` narrows or widens one.
-        Such a family can be run by hundreds, by the study `ensemble`.
-    by_default : bool
-        False for a family with `sample` that studies of random scenarios draw from only where it is named.
-
-    Raises
-    ------
-    TcbenchError
-        For both or none of make and sample; by `member`, for unknown parameters and values that cannot be.
-
-    References
-    ----------
-    docs/add-scenario.md, docs/ensembles.md.
-    """
-
-    name: str
-    make: Callable[..., Scenario] | None = None
-    defaults: Mapping[str, str] = field(default_factory=dict)
-    shows: str = ""
-    source: str = ""
-    plugin: str = ""
-    sample: Callable[[Draw], Scenario] | None = None
-    ranges: Mapping[str, Range] = field(default_factory=dict)
-    by_default: bool = True
-
-    def __post_init__(self) -> None:
-        expect("A scenario family", vars(self), KINDS_OF_A_FAMILY)
-        if (self.make is None) == (self.sample is None):
-            raise TcbenchError(f"The scenario family {self.name!r} must give one of make= and sample=.")
-        if self.sample is not None:
-            spelled = {name: str(limits) for name, limits in self.ranges.items()}
-            object.__setattr__(self, "defaults", {"seed": "0"} | spelled)
-
-    def member(self, **values: str) -> Scenario:
-        """The scenario of these values; its name spells all of them, of random ones the seed and the ranges given."""
-        for name in values:
-            if name not in self.defaults:
-                raise unknown_name(f"parameter of {self.name!r}", name, self.defaults)
-        chosen = {**self.defaults, **values}
-        if self.sample is not None:
-            ranges = {name: limits.narrowed(name, chosen[name]) for name, limits in self.ranges.items()}
-            made = self.sample(Draw(seed_of(chosen["seed"]), ranges))
-            chosen = {"seed": str(seed_of(chosen["seed"]))} | {n: str(r) for n, r in ranges.items() if n in values}
-            chosen = {n: v for n, v in chosen.items() if n == "seed" or v != self.defaults[n]}
-        else:
-            assert self.make is not None
-            made = self.make(**chosen)
-        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()) if v)  # "" is what a kind does without
-        named = copy.copy(made)  # its numbers have been checked: hundreds of members are made at a time
-        object.__setattr__(named, "name", f"{self.name}[{label}]")
-        object.__setattr__(named, "plugin", self.plugin)
-        return named
-
-
-def around(scenario: Scenario, ranges: Mapping[str, Range] | None = None) -> ScenarioFamily:
-    """Random scenarios of the system of another, around its numbers: `random_NAME[seed=7]`.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Of a `System` that starts from `initial`.
-    ranges : mapping of str to Range, optional
-        By the name of a constant what its numbers are multiplied by (a third to three times, uniform in the logarithm,
-        if nothing is given); "initial": how far each variable is moved, over its size or 0.3.
-
-    Returns
-    -------
-    ScenarioFamily
-        Its members have a step and a horizon as the scenario has. Numbers with which a step could not begin are drawn
-        anew.
-
-    References
-    ----------
-    docs/ensembles.md.
-    """
-    tables = scenario.system.tables
-    factors = {name: Range(1 / 3, 3, log=True) for name in scenario.constants if name not in tables}
-    limits = {**factors, "initial": Range(-0.5, 0.5), **(ranges or {})}
-
-    def sample(draw: Draw) -> Scenario:
-        error = TcbenchError(f"No admissible start was found around {scenario.name!r}: narrow the range of initial.")
-        for _ in range(TRIES):
-            constants = {
-                n: v if n in tables else np.asarray(rounded(np.asarray(v) * draw(n))).tolist()
-                for n, v in scenario.constants.items()
-            }
-            initial = {}
-            for name, value in scenario.initial.items():
-                at = np.asarray(value, dtype=float)
-                moved = np.reshape([draw("initial") for _ in range(at.size)], at.shape)
-                initial[name] = rounded(at + np.maximum(NEAR, np.abs(at)) * moved)
-            try:
-                return dataclass_replace(scenario, constants=constants, initial=initial)
-            except TcbenchError as found:
-                error = found
-        raise error
-
-    return ScenarioFamily(
-        f"random_{scenario.name}", sample=sample, ranges=limits, shows=f"random variants of {scenario.name}",
-        source="docs/ensembles.md", by_default=False,
-    )  # fmt: skip
 
 
 def _checked(name: str, value: Any) -> Any:

@@ -36,7 +36,9 @@ def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
         return
     n, m = system.n_positions, system.n_elements
     each, one = f"it gives {m} numbers, one for each element", "it gives one number"
-    pi, s = (_checked(system, name, [(m,)], each, *given) for name, given in (("shape", [q]), ("entropies", [q, theta])))
+    pi, s = (
+        _checked(system, name, [(m,)], each, *given) for name, given in (("shape", [q]), ("entropies", [q, theta]))
+    )
     _checked(system, "element_energy", [(m,)], each, pi, s)
     _checked(system, "conduction", [(m,)], each, theta)
     for name, count, of in (("inertia", n, "position"), ("entropy_scale", m, "element")):

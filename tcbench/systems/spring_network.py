@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import TcbenchError
 from .pendulum import Springs
 
 
@@ -71,13 +70,3 @@ def _meeting(pairs: Any, n_masses: int) -> Any:
                 links += [(other, k) for other in springs[mass]]
                 springs[mass].append(k)
     return np.array(links, dtype=np.int64).reshape(-1, 2)
-
-
-def whole_numbers(what: str, least: int, most: int, *words: str) -> list[int]:
-    """The numbers, from `least` to `most`, that words of the command line are; what: a sentence that says so, and how
-    it is written behind ": "."""
-    for text in words:
-        if not (text.isascii() and text.isdecimal() and len(text) <= len(str(most)) and least <= int(text) <= most):
-            has, _, example = what.partition(": ")
-            raise TcbenchError(f"{has}, not {text[:30]!r}: {example}.")
-    return list(map(int, words))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import TcbenchError
+from ..errors import positive
 from .scenario import Scenario
 from .system import System
 
@@ -73,16 +73,11 @@ class ViscousTruss(ViscousSprings):
     constants = {**ViscousSprings.constants, "anchors": ("anchor", 3)}
 
 
-def with_dashpots(scenario: Scenario, viscosity: str) -> Scenario:
-    """The scenario of a `SpringNetwork` with dashpots of this viscosity, at rest at the start; "": as it is."""
-    if not viscosity:
+def with_dashpots(scenario: Scenario, viscosity: float | None) -> Scenario:
+    """The scenario of a `SpringNetwork` with dashpots of this viscosity, at rest at the start; None: as it is."""
+    if viscosity is None:
         return scenario
-    try:
-        size = float(viscosity)
-    except ValueError:
-        size = 0.0
-    if not 0.0 < size < np.inf:
-        raise TcbenchError(f"The viscosity of dashpots is a positive number, not {viscosity[:30]!r}.")
+    size = positive("The viscosity of dashpots", viscosity)
     kind: Any = scenario.system
     d, c = kind.dimension, {n: np.asarray(v) for n, v in scenario.constants.items() if n not in ("owner", "places")}
     q = np.reshape(scenario.positions, (-1, d))

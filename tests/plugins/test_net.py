@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tcbench_plugins.net.net import net, net_of
+from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench.plugins import find_scenario
@@ -87,8 +87,8 @@ def test_long_steps_are_solved_by_tracking_and_whole_factorisations():
 
 @pytest.mark.parametrize("size", ["1", "0", "x", "-3", "1001", "2.5"])
 def test_sizes_are_whole_numbers(size):
-    with pytest.raises(tcbench.TcbenchError, match="2 to 1000 masses"):
-        net_of("4", size)
+    with pytest.raises(tcbench.TcbenchError, match="whole number from 2 to 1000"):
+        find_scenario(f"net[ny={size}]")
 
 
 def test_it_is_anchored_and_neighbours_conduct():
