@@ -115,8 +115,8 @@ def test_the_matrix_of_newton_is_that_of_differences_where_sums_are_unknowns_of_
 
 
 def test_what_is_no_solid_is_refused_with_a_sentence():
-    for name, sentence in (("solid[element=cube]", "tet or hex"), ("solid[n=0]", "1 to 40"),
+    for name, sentence in (("solid[element=cube]", "one of tet, hex"), ("solid[n=0]", "1 to 40"),
                            ("solid[viscosity=thick]", "is a number"),
-                           ("rod[n=1]", "2 to"), ("ring[n=x]", "whole number")):  # fmt: skip
+                           ("rod[n=1]", "from 2 to"), ("ring[n=x]", "whole number")):  # fmt: skip
         with pytest.raises(TcbenchError, match=sentence):
             tcbench.simulate("tc_monolithic", name)
