@@ -27,6 +27,7 @@ from .shared_runs import Solved
 from .trajectory import SolverCounts, Summary, Trajectory
 
 POINTS = 200  # output times of an adaptive run
+AS_NUMPY = np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")  # whatever a user's seterr says
 TOGETHER, NUMBERS = 256, 2**16  # steps that a method with a loop of its own is asked for at a time, numbers in them
 
 
@@ -48,6 +49,7 @@ class FirstSteps(NamedTuple):
         return found
 
 
+@AS_NUMPY
 def run_step(
     integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int, starter: Callable[[], FirstSteps]
 ) -> Trajectory:
@@ -182,6 +184,7 @@ class Monitor:
         return found
 
 
+@AS_NUMPY
 def run_adaptive(
     integrator: Integrator, scenario: Scenario, tolerance: float, times: np.ndarray | None = None
 ) -> Trajectory:
@@ -248,7 +251,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
             states = _as_states(states, (len(t), model.size))
         if not isinstance(counts, Mapping):
             raise TypeError(f"beside the states a mapping of counts is returned, not {shown(counts)}")
-        counts = {name: int(value) for name, value in counts.items()}
+        counts = {name: _whole(name, value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
         states = np.array(given) if given else np.empty((0, model.size))  # those before it stand
@@ -256,6 +259,13 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
     return Solved(states, counts, status, failure, wall, work)
+
+
+def _whole(name: str, value: Any) -> int:
+    try:
+        return int(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"counts are whole numbers, and {name!r} is {shown(value)}") from None
 
 
 def _until_failed(

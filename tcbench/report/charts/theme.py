@@ -81,6 +81,10 @@ def asked(
     font_size: float | None, style: str | Path | Mapping[str, Any] | None, axes: Any = None,
 ) -> Theme:  # fmt: skip
     """The theme of these options, over what the user's own matplotlibrc or script sets."""
+    if hasattr(methods, "columns"):  # a table is several of its columns
+        raise TcbenchError(
+            "methods are names, as ['tc_auto', 'tc_gauss'], not a table: give list(table['integrator'])."
+        )
     found = parse_methods(methods) if isinstance(methods, str) else methods or ()
     labels = dict(found) if isinstance(found, Mapping) else {name: name for name in found}
     settings = own_settings() | ({} if style is None else style_settings(style))

@@ -1,0 +1,110 @@
+"""Plugin files that harm everybody: each ends as a sentence with its name, and the others are as before."""
+
+import builtins
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import tcbench
+from tcbench import plugins
+from tcbench.cli import main
+from tcbench.commands import options
+from tcbench.loading import guarded
+
+UNIX = pytest.mark.skipif(sys.platform == "win32", reason="signals and descriptors of Unix")
+HARMFUL = {
+    "it did not end": "while True:\n    try:\n        sum(range(1000))\n    except Exception:\n        pass",
+    "it sleeps": "import time\ntime.sleep(1000)",
+    "json": "import json\njson.dumps = lambda *a, **k: 'nothing'",
+    "os": "import os\nos.replace = None",
+    "builtins": "import builtins\nbuiltins.len = lambda x: 0",
+    "its hook": (
+        "import json\nimport tcbench\n@tcbench.hookimpl\ndef tcbench_metrics():\n    json.loads = None\n    return []"
+    ),
+    "descriptors": "import os\nos.closerange(0, 3)",
+}
+SAID = {
+    "it did not end": "did not end within", "it sleeps": "did not end within", "json": "it replaces json.dumps",
+    "os": "it replaces os.replace", "builtins": "it replaces builtins.len", "its hook": "it replaces json.loads",
+    "descriptors": "closes standard",
+}  # fmt: skip
+
+
+@pytest.fixture
+def loaded(tmp_path, monkeypatch):
+    """What is said of a file of this text, beside a good one."""
+    monkeypatch.setattr(guarded, "IMPORT_S", 1.0)
+    monkeypatch.setattr(guarded, "AGAIN_S", 0.2)
+
+    def load(text):
+        (tmp_path / "good.py").write_text("import numpy\n")
+        (tmp_path / "harm.py").write_text(text)
+        plugins.use_folders([tmp_path])
+        return {o.path.rsplit("/", 1)[-1]: o.reason for o in plugins.registry().origins.values()}
+
+    yield load
+    plugins.use_folders([])
+
+
+@UNIX
+@pytest.mark.parametrize("kind", HARMFUL)
+def test_a_file_that_harms_all_is_named_and_undone(kind, loaded):
+    before = json.dumps, json.loads, os.replace, builtins.len
+    found = loaded(HARMFUL[kind])
+    assert SAID[kind] in found["harm.py"] and found["good.py"] == ""
+    assert (json.dumps, json.loads, os.replace, builtins.len) == before
+    assert "tc_monolithic" in tcbench.integrators()
+
+
+@UNIX
+def test_an_alarm_and_numpys_settings_of_a_file_end_with_it(loaded):
+    import signal
+
+    settings, handler = np.geterr(), signal.getsignal(signal.SIGALRM)
+    assert loaded("import signal, numpy\nsignal.alarm(1000)\nnumpy.seterr(all='raise')")["harm.py"] == ""
+    assert np.geterr() == settings and signal.getsignal(signal.SIGALRM) is handler
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_a_blow_up_is_one_whatever_the_user_has_told_numpy():
+    def explosive(z0, h, system):
+        return np.asarray(z0) * 1e200 * 1e200
+
+    method = tcbench.Integrator(name="explosive", order=1, source="here", step=explosive)
+    plain = tcbench.simulate(method, "damped_oscillator")
+    with np.errstate(all="raise"):
+        told = tcbench.simulate(method, "damped_oscillator")
+        assert np.geterr()["over"] == "raise"
+    assert plain.status == told.status == "nonfinite"
+
+
+@UNIX
+def test_options_come_through_a_pipe_and_what_is_none_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(options, "PIPE_S", 0.3)
+    out, into = os.pipe()
+    os.write(into, b"dt = 0.5")
+    os.close(into)
+    assert options.read_some(Path(f"/dev/fd/{out}")) == "dt = 0.5"
+    os.mkfifo(tmp_path / "silent")
+    (tmp_path / "deep.toml").write_text("x = " + "[" * 3000)
+    for path, told in (("/dev/zero", "longer than"), (tmp_path / "silent", "nobody writes"),
+                       (tmp_path / "deep.toml", "nested too deeply")):  # fmt: skip
+        found = CliRunner().invoke(main, ["run", "--config", str(path)])
+        assert found.exit_code == 2 and told in found.output and "Traceback" not in found.output
+
+
+def test_counts_that_are_none_and_a_table_of_methods_are_named():
+    def adaptive(system, z0, t_eval, rtol, atol):
+        return np.repeat(np.asarray(z0)[None], len(t_eval), axis=0), {"steps": "many"}
+
+    run = tcbench.simulate(tcbench.Integrator(name="counts", source="here", adaptive=adaptive), "damped_oscillator")
+    assert run.status == "exception" and "counts are whole numbers, and 'steps' is 'many'" in run.failure
+    import pandas as pd
+
+    with pytest.raises(tcbench.TcbenchError, match="methods are names"):
+        tcbench.draw("work-precision", {"work_precision": pd.DataFrame()}, methods=pd.DataFrame({"a": [1]}))
