@@ -7,24 +7,23 @@ piece of machine code serves a system of any size, and what works on a small one
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..errors import MachineError
 from .array_jacobian import Term
+from .array_loops import WHOLE, Loop, Place
 from .array_mesh import ENTRIES, Block, Mesh, Shorts
 from .arrays import LINEAR, NUMBER, Path, collect
 from .derivatives import Substitution, topological
-from .kernels import Kernel, derivatives_of, literal, written
+from .kernels import Kernel, literal, written
 from .symbols import Symbol
 
-WHOLE = ("collect", "join", "part")  # those are there before the loops of their round
 CHEAP = ("add", "sub", "mul", "neg")
-GROUP = 64  # slopes that are made in one piece of straight-line code, of an element that has more
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
 
 
@@ -107,20 +106,6 @@ def _gathered(
     )
 
 
-class Place(NamedTuple):
-    """Where an array stands: a letter, a block of it, its component and of how many."""
-
-    letter: str
-    block: int
-    component: int = 0
-    of: int = 1
-    behind: tuple[str, ...] = ()  # of joined arrays: so many entries stand before it
-
-    def part(self, space: str, k: int) -> Place:
-        """Of joined arrays, space "a+b", those of number k."""
-        return self._replace(behind=(*self.behind, *space.split("+")[:k]))
-
-
 class _Writer:
     def __init__(
         self, inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block],
@@ -178,7 +163,7 @@ class _Writer:
             return f"{array}[{start} + {i}]"
         return f"{array}[{start} + {place.of} * ({i}) + {place.component}]"
 
-    def _fresh(self, letter: str) -> str:
+    def fresh(self, letter: str) -> str:
         self.count += 1
         return f"{letter}{self.count}"
 
@@ -194,14 +179,14 @@ class _Writer:
             if node.op == "collect":
                 first += self._zero(node.space, self.stored[node.number])
             elif node.op == "total":
-                self.names[node.number] = name = self._fresh("r")
+                self.names[node.number] = name = self.fresh("r")
                 first.append(f"{name} = {START[node.value[0]]}")
                 first += [f"{name}c = 0.0"] if node.value[0] == "add" else []
         if self.terms_at >= 0:
             first += self._zero(ENTRIES, Place("out", self.terms_at))
         stages = {stage for stage in self.stage.values() if stage[1] != NUMBER}
-        stages |= {self._stage(x, term.over) for term, x in self.terms}
-        stages |= {self._stage(x, p[0].source) for node in made if node.op == "collect"
+        stages |= {self.stage_of(x, term.over) for term, x in self.terms}
+        stages |= {self.stage_of(x, p[0].source) for node in made if node.op == "collect"
                    for x, p in zip(node.args, node.value, strict=True)}  # fmt: skip
         body = []
         for depth in range(1 + max(self.level.values(), default=0)):
@@ -219,7 +204,7 @@ class _Writer:
         text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
         return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
 
-    def _stage(self, x: Symbol, space: str) -> tuple[int, str]:
+    def stage_of(self, x: Symbol, space: str) -> tuple[int, str]:
         return self.level[x.number], space
 
     def _store(self) -> None:
@@ -262,7 +247,7 @@ class _Writer:
     # text -----------------------------------------------------------------------------------------------------------
 
     def _loop_over(self, space: str, body: Callable[[str], list[str]]) -> list[str]:
-        i = self._fresh("i")
+        i = self.fresh("i")
         lines = body(i)
         return [f"for {i} in range({self.slot('size', space)}):", *(f"    {line}" for line in lines)] if lines else []
 
@@ -272,18 +257,18 @@ class _Writer:
             if self.stage[node.number] != (depth, NUMBER):
                 continue
             if node.number in self.given:
-                self.names[node.number] = name = self._fresh("c")
+                self.names[node.number] = name = self.fresh("c")
                 lines.append(f"{name} = {self.item(self.stored[node.number], '0')}")
             elif node.op != "total":
-                lines += self._operation(node, self.names)
+                lines += self.operation(node, self.names)
         return lines
 
-    def _operation(
+    def operation(
         self, node: Symbol, names: dict[int, str], derivatives: Mapping[int, Symbol] = MappingProxyType({})
     ) -> list[str]:
         if node.op != "count":
-            return written(node, names, self._fresh("v"), derivatives)
-        names[node.number] = name = self._fresh("v")
+            return written(node, names, self.fresh("v"), derivatives)
+        names[node.number] = name = self.fresh("v")
         return [f"{name} = float({self.slot('size', node.value)})"]
 
     def _joined(self, node: Symbol) -> list[str]:
@@ -307,7 +292,7 @@ class _Writer:
         return literal(x) if x.op == "const" else self.names[x.number]
 
     def _loop(self, depth: int, space: str) -> list[str]:
-        return self._loop_over(space, lambda i: _Body(self, depth, space, i).lines)
+        return self._loop_over(space, lambda i: Loop(self, depth, space, i).lines)
 
     def _last(self) -> list[str]:
         """Outputs that are numbers, inputs, parts of others, or the same as others."""
@@ -322,111 +307,3 @@ class _Writer:
                 else:
                     lines += self._copy(place, x, block.space)
         return lines
-
-
-class _Body:
-    """What one loop does with entry i."""
-
-    def __init__(self, writer: _Writer, depth: int, space: str, i: str) -> None:
-        self.w, self.i, self.lines = writer, i, list[str]()
-        self.names, self.indices = dict(writer.names), dict[Path, str]()
-        self.here = [
-            x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given
-        ]
-        self.derivatives = derivatives_of(self.here)
-        terms = [k for k, (term, x) in enumerate(writer.terms) if writer._stage(x, term.over) == (depth, space)]
-        kept = [(x, writer.stored[x.number]) for x in self.here if x.number in writer.stored and x.op not in WHOLE]
-        sums = list(self._summed((depth, space)))
-        # LLVM takes the square of the length of straight-line code: the many slopes of large elements come in groups
-        groups = [range(k, min(k + GROUP, len(terms))) for k in range(0, len(terms), GROUP)]
-        self._make([x for x, _ in kept] + [x for _, x, _ in sums] if len(groups) > 1 else self.here)
-        self.lines += [f"{writer.item(place, i)} = {self.names[x.number]}" for x, place in kept]
-        for each in sums:
-            self._sum(*each)
-        for group in groups:
-            of_terms = [writer.terms[terms[m]][1] for m in group]
-            if len(groups) == 1:
-                places = zip(group, of_terms, strict=True)
-                self.lines += [
-                    f"{self._entry(terms, str(m))} += {value}" for m, x in places for value in [self.value(x)]
-                ]
-            else:
-                self._make(of_terms)
-                self._entries(terms, group, [self.value(x) for x in of_terms])
-
-    def _summed(self, stage: tuple[int, str]) -> Iterator[tuple[Symbol, Symbol, Path]]:
-        """Sums to which this loop adds: the sum, what is added, and along which path; () over all."""
-        for node in self.w.nodes:
-            if node.number in self.w.given:
-                continue
-            if node.op == "collect":
-                parts = zip(node.args, node.value, strict=True)
-                yield from ((node, x, path) for x, path in parts if self.w._stage(x, path[0].source) == stage)
-            elif node.op == "total" and self.w._stage(node.args[0], node.value[1]) == stage:
-                yield node, node.args[0], ()
-
-    def _make(self, wanted: Sequence[Symbol]) -> None:
-        """The values of this loop that these need."""
-        writer, needed = self.w, {x.number for x in topological(wanted, set(self.names))}
-        for node in self.here:
-            if node.number not in needed or node.number in self.names or node.op in WHOLE:
-                continue
-            if node.op == "take":
-                self.names[node.number] = name = writer._fresh("v")
-                source = writer.stored[node.args[0].number]
-                self.lines.append(f"{name} = {writer.item(source, self.index(node.value))}")
-                continue
-            for a in node.args:
-                self.value(a)
-            self.lines += writer._operation(node, self.names, self.derivatives)
-
-    def _entry(self, terms: Sequence[int], which: str) -> str:
-        """Where the slope of a term belongs in the Jacobian."""
-        place = f"table[{self.w.slot('places', *terms)} + {len(terms)} * {self.i} + {which}]"
-        return self.w.item(Place("out", self.w.terms_at), place)
-
-    def _entries(self, terms: Sequence[int], group: range, values: Sequence[str]) -> None:
-        """Add slopes of one group among several into the Jacobian, by a loop."""
-        w = self.w
-        if w.buffer is None:
-            w.arrays.append(f"#{GROUP}")
-            w.buffer = Place("s", len(w.arrays) - 1)
-        self.lines += [f"{w.item(w.buffer, str(m))} = {value}" for m, value in enumerate(values)]
-        each = w._fresh("i")
-        self.lines.append(f"for {each} in range({w.slot('size', f'#{len(group)}')}):")
-        entry = self._entry(terms, f"{group.start} + {each}")
-        self.lines.append(f"    {entry} += {w.item(w.buffer, each)}")
-
-    def index(self, path: Path) -> str:
-        if path not in self.indices:
-            self.indices[path] = j = self.w._fresh("j")
-            self.lines.append(f"{j} = table[{self.w.slot('path', path)} + {self.i}]")
-        return self.indices[path]
-
-    def value(self, x: Symbol) -> str:
-        if x.number not in self.names:
-            if x.op == "const":
-                self.names[x.number] = literal(x)
-            elif x.number not in self.w.stored:
-                for a in x.args:
-                    self.value(a)
-                self.lines += self.w._operation(x, self.names)
-            else:
-                self.names[x.number] = name = self.w._fresh("v")
-                self.lines.append(f"{name} = {self.w.item(self.w.stored[x.number], self.i)}")
-        return self.names[x.number]
-
-    def _sum(self, node: Symbol, x: Symbol, path: Path) -> None:
-        """What this loop adds to a sum along a table, or over all."""
-        w, item = self.w, self.value(x)
-        if path:
-            self.lines.append(f"{w.item(w.stored[node.number], self.index(path))} += {item}")
-            return
-        name, op = w.names[node.number], node.value[0]
-        if op == "add":  # compensated (Kahan 1965): of terms that are alike round-off has one sign
-            y, t = w._fresh("y"), w._fresh("t")
-            self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
-            self.lines.append(f"{name} = {t}")
-            self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
-        else:
-            self.lines.append(f"{name} = {op}({name}, {item})")

@@ -1,0 +1,136 @@
+"""One loop over the entries of a space, as text: what kernels of graphs on arrays (`array_kernels`) are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+from .arrays import Path
+from .derivatives import topological
+from .kernels import derivatives_of, literal
+from .symbols import Symbol
+
+WHOLE = ("collect", "join", "part")  # those are there before the loops of their round
+GROUP = 64  # slopes that are made in one piece of straight-line code, of an element that has more
+
+
+class Place(NamedTuple):
+    """Where an array stands: a letter, a block of it, its component and of how many."""
+
+    letter: str
+    block: int
+    component: int = 0
+    of: int = 1
+    behind: tuple[str, ...] = ()  # of joined arrays: so many entries stand before it
+
+    def part(self, space: str, k: int) -> Place:
+        """Of joined arrays, space "a+b", those of number k."""
+        return self._replace(behind=(*self.behind, *space.split("+")[:k]))
+
+
+class Loop:
+    """What one loop does with entry i."""
+
+    def __init__(self, writer: Any, depth: int, space: str, i: str) -> None:
+        self.w, self.i, self.lines = writer, i, list[str]()
+        self.names, self.indices = dict(writer.names), dict[Path, str]()
+        self.here = [
+            x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given
+        ]
+        self.derivatives = derivatives_of(self.here)
+        terms = [k for k, (term, x) in enumerate(writer.terms) if writer.stage_of(x, term.over) == (depth, space)]
+        kept = [(x, writer.stored[x.number]) for x in self.here if x.number in writer.stored and x.op not in WHOLE]
+        sums = list(self._summed((depth, space)))
+        # LLVM takes the square of the length of straight-line code: the many slopes of large elements come in groups
+        groups = [range(k, min(k + GROUP, len(terms))) for k in range(0, len(terms), GROUP)]
+        self._make([x for x, _ in kept] + [x for _, x, _ in sums] if len(groups) > 1 else self.here)
+        self.lines += [f"{writer.item(place, i)} = {self.names[x.number]}" for x, place in kept]
+        for each in sums:
+            self._sum(*each)
+        for group in groups:
+            of_terms = [writer.terms[terms[m]][1] for m in group]
+            if len(groups) == 1:
+                places = zip(group, of_terms, strict=True)
+                self.lines += [
+                    f"{self._entry(terms, str(m))} += {value}" for m, x in places for value in [self.value(x)]
+                ]
+            else:
+                self._make(of_terms)
+                self._entries(terms, group, [self.value(x) for x in of_terms])
+
+    def _summed(self, stage: tuple[int, str]) -> Iterator[tuple[Symbol, Symbol, Path]]:
+        """Sums to which this loop adds: the sum, what is added, and along which path; () over all."""
+        for node in self.w.nodes:
+            if node.number in self.w.given:
+                continue
+            if node.op == "collect":
+                parts = zip(node.args, node.value, strict=True)
+                yield from ((node, x, path) for x, path in parts if self.w.stage_of(x, path[0].source) == stage)
+            elif node.op == "total" and self.w.stage_of(node.args[0], node.value[1]) == stage:
+                yield node, node.args[0], ()
+
+    def _make(self, wanted: Sequence[Symbol]) -> None:
+        """The values of this loop that these need."""
+        writer, needed = self.w, {x.number for x in topological(wanted, set(self.names))}
+        for node in self.here:
+            if node.number not in needed or node.number in self.names or node.op in WHOLE:
+                continue
+            if node.op == "take":
+                self.names[node.number] = name = writer.fresh("v")
+                source = writer.stored[node.args[0].number]
+                self.lines.append(f"{name} = {writer.item(source, self.index(node.value))}")
+                continue
+            for a in node.args:
+                self.value(a)
+            self.lines += writer.operation(node, self.names, self.derivatives)
+
+    def _entry(self, terms: Sequence[int], which: str) -> str:
+        """Where the slope of a term belongs in the Jacobian."""
+        place = f"table[{self.w.slot('places', *terms)} + {len(terms)} * {self.i} + {which}]"
+        return self.w.item(Place("out", self.w.terms_at), place)
+
+    def _entries(self, terms: Sequence[int], group: range, values: Sequence[str]) -> None:
+        """Add slopes of one group among several into the Jacobian, by a loop."""
+        w = self.w
+        if w.buffer is None:
+            w.arrays.append(f"#{GROUP}")
+            w.buffer = Place("s", len(w.arrays) - 1)
+        self.lines += [f"{w.item(w.buffer, str(m))} = {value}" for m, value in enumerate(values)]
+        each = w.fresh("i")
+        self.lines.append(f"for {each} in range({w.slot('size', f'#{len(group)}')}):")
+        entry = self._entry(terms, f"{group.start} + {each}")
+        self.lines.append(f"    {entry} += {w.item(w.buffer, each)}")
+
+    def index(self, path: Path) -> str:
+        if path not in self.indices:
+            self.indices[path] = j = self.w.fresh("j")
+            self.lines.append(f"{j} = table[{self.w.slot('path', path)} + {self.i}]")
+        return self.indices[path]
+
+    def value(self, x: Symbol) -> str:
+        if x.number not in self.names:
+            if x.op == "const":
+                self.names[x.number] = literal(x)
+            elif x.number not in self.w.stored:
+                for a in x.args:
+                    self.value(a)
+                self.lines += self.w.operation(x, self.names)
+            else:
+                self.names[x.number] = name = self.w.fresh("v")
+                self.lines.append(f"{name} = {self.w.item(self.w.stored[x.number], self.i)}")
+        return self.names[x.number]
+
+    def _sum(self, node: Symbol, x: Symbol, path: Path) -> None:
+        """What this loop adds to a sum along a table, or over all."""
+        w, item = self.w, self.value(x)
+        if path:
+            self.lines.append(f"{w.item(w.stored[node.number], self.index(path))} += {item}")
+            return
+        name, op = w.names[node.number], node.value[0]
+        if op == "add":  # compensated (Kahan 1965): of terms that are alike round-off has one sign
+            y, t = w.fresh("y"), w.fresh("t")
+            self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
+            self.lines.append(f"{name} = {t}")
+            self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
+        else:
+            self.lines.append(f"{name} = {op}({name}, {item})")
