@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, fill, rare
+from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, rare
 from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, dot, move
 from ..solver.mending import LAWFUL, NEAR, SHRUNK, missed
-from ..solver.newton import ACCEPTED, FORESEEN, NEXT, REJECTED, finish, foresee, largest_residual, quick
+from ..solver.newton import ACCEPTED, REJECTED, finish, foresee, forget, largest_residual, quick
 from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
@@ -251,7 +251,7 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
         code = REJECTED
         if flow.continuation and flow.audit < PRINCIPAL:
             guess = flow.guess
-            if flow.foreseen[NEXT] == FORESEEN:
+            if flow.foreseen.near:
                 guess = flow.x
             if flow.ns > 0:
                 code, count = quick_sparse(flow)
@@ -277,11 +277,9 @@ def march(run: Run, start: int, stop: int) -> int:
     row, left = start // every, every - start % every  # the last full record, and steps to the next
     reason, done = OK, start
     z, carry, after, trial = run.z, run.carry, run.after, run.dropped
-    if start == 0:  # what is known of earlier steps is of another run
+    if start == 0:
         for k in range(run.n_flows):
-            run.flows[k].degree[0] = 0
-            fill(run.flows[k].foreseen, 0.0)
-            fill(run.flows[k].kept, 0.0)
+            forget(run.flows[k])
     open_step(run, z)
     for step in range(start + 1, stop + 1):
         reason, iterations = one_step(run, z, carry, after, trial)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..compiler.language import Address, Floats, Ints, Matrix, ShortFloats, ShortInts
+from ..compiler.language import Address, Floats, Matrix, ShortFloats, ShortInts
 from ..compiler.records import Record, sized
 
 
@@ -29,6 +29,24 @@ class Tally(Record, mutable=True):
     folds: int
     audited: int
     wrong_roots: int
+
+
+class Extrapolation(Record, mutable=True):
+    """What the last roots tell of the next one: see newton.foresee."""
+
+    degree: int  # of the polynomial through them
+    near: bool  # x is a guess for the next step
+    curvature: float  # that an earlier step has shown; 0: unknown
+
+
+class OldFactors(Record, mutable=True):
+    """Incomplete factors that go on from step to step: see quick_sparse."""
+
+    made_in: float  # corrections with them in the step that made them; 0: there are none
+    cost: float  # more corrections with them since then
+    pause: float  # steps without
+    stopped: float  # size of a correction that no longer shrank
+    noise: float  # size of a correction that is known to be round-off
 
 
 class CompiledFlow(Record):
@@ -80,8 +98,7 @@ class CompiledFlow(Record):
     size_and_least: Floats = sized("2", of="d", at="2 * nx + ne + npos")  # of the correction, of what must be positive
     polished: Floats = sized("1", of="d", at="nx + ne")  # what `polish` gives: behind a correction, its size
     past: Matrix = sized("nx", "9")  # the last root of each unknown, and its backward differences
-    degree: Ints = sized("1")  # of the polynomial through them
-    foreseen: Floats = sized("2")  # what is known of the next one: see newton.foresee
+    foreseen: Extrapolation
     dz: Floats = sized("n")
     scale: Floats = sized("nx + ne")  # 1/size of the unknowns
     derivatives: Floats = sized("nfull")  # what `full` gives, and of a sparse Jacobian `iterate` and `polish`
@@ -104,6 +121,6 @@ class CompiledFlow(Record):
     order: ShortInts = sized("ns")
     place: ShortInts = sized("ns")  # what is written on
     factors: ShortFloats = sized("nnz")
-    kept: Floats = sized("5")  # of them from step to step: see quick_sparse
+    kept: OldFactors
     krylov: Matrix = sized("8", "ns")
     solved: Floats = sized("2 * ns + 1")

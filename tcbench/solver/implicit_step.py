@@ -17,11 +17,10 @@ from ..integrator import Flow, Integrator
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
-from .flow import CompiledFlow, Tally
+from .flow import CompiledFlow, Extrapolation, OldFactors, Tally
 from .flow_kernels import build
 from .kernels_of_flow import FlowKernels, constants
 from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
-from .quick_sparse import MADE_IN
 
 # why there is no step (Trajectory turns these, and those of the loop, into statuses and sentences)
 OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOLDED = range(9)
@@ -67,7 +66,7 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
     for k in range(flow.nnz if solved else 0):  # what is only audited goes on as without
         flow.factors[k] = factors[k]
     if not solved:
-        flow.kept[MADE_IN] = 0.0  # the factors that are there now are of another step
+        flow.kept.made_in = 0.0  # the factors that are there now are of another step
     release(factors)
     return reason, total
 
@@ -172,6 +171,7 @@ def make_flows(
             continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
             reference=model.reference_temperature, least_energy=model.least_energy,
             least_entropy=model.least_entropy, bound=bound, tally=tally, c=c,
+            foreseen=Extrapolation(), kept=OldFactors(),
         )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)
         flows.append(flow)

@@ -28,8 +28,6 @@ CHORD_FLOOR = 1e-14  # a correction by old factors that no longer shrinks is rou
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
 SMALL_PIVOT = 1e-7  # a least pivot below this: the elimination is repeated with pivoting
 # `foresee` extrapolates the roots of earlier steps
-NEXT, CURVATURE = range(2)  # in `foreseen`: is x a guess for the next step, and the curvature seen; 0: unknown
-FORESEEN = 1.0  # value of the first: it is
 MOST = 8  # degree of the polynomial through the last roots at most; ...
 ENOUGH = 1e-8  # ... it is raised while its highest difference is larger than this
 NEAR = 0.1  # of the size of an unknown: a guess farther from the last root is not taken
@@ -107,6 +105,12 @@ def finish(flow: CompiledFlow) -> int:
     return ACCEPTED if zero == 0.0 else REJECTED
 
 
+def forget(flow: CompiledFlow) -> None:
+    """What is known of earlier steps is of another run."""
+    flow.foreseen.degree, flow.foreseen.near, flow.foreseen.curvature = 0, False, 0.0
+    flow.kept.made_in, flow.kept.cost, flow.kept.pause, flow.kept.stopped, flow.kept.noise = 0.0, 0.0, 0.0, 0.0, 0.0
+
+
 def foresee(flow: CompiledFlow) -> None:
     """From the root in x that of the next step, if it is near: where a polynomial through the last roots points to.
 
@@ -114,7 +118,7 @@ def foresee(flow: CompiledFlow) -> None:
     the differences of the highest one shrink.
     """
     x, past = flow.x, flow.past
-    degree = flow.degree[0]
+    degree = flow.foreseen.degree
     off, highest, last = 0.0, 0.0, 0.0
     for i in range(flow.nx):
         difference, before, ahead = x[i], 0.0, 0.0
@@ -129,11 +133,11 @@ def foresee(flow: CompiledFlow) -> None:
         off = max(off, abs(ahead) * size)
         highest = max(highest, abs(difference) * size)
         last = max(last, abs(before) * size)
-    flow.foreseen[NEXT] = FORESEEN if degree > 0 and off < NEAR else 0.0
+    flow.foreseen.near = degree > 0 and off < NEAR
     if highest < last or degree < 2:
-        flow.degree[0] = min(degree + 1, MOST) if highest > ENOUGH else degree
+        flow.foreseen.degree = min(degree + 1, MOST) if highest > ENOUGH else degree
     elif degree > 2:
-        flow.degree[0] = degree - 1
+        flow.foreseen.degree = degree - 1
 
 
 def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
@@ -145,7 +149,7 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     """
     w, x, d = flow.w, flow.x, flow.d
     n = flow.nx
-    previous, curvature = np.inf, flow.foreseen[CURVATURE]
+    previous, curvature = np.inf, flow.foreseen.curvature
     small = LEARNED if curvature > 0.0 else SQUARED
     here = guess
     for iteration in range(1, MAX_ITERATIONS + 1):
@@ -156,13 +160,13 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
             return REJECTED, iteration
         for i in range(n):
             x[i] = here[i] + d[i]
-        near = iteration > 1 or flow.foreseen[NEXT] == FORESEEN
+        near = iteration > 1 or flow.foreseen.near
         if flow.steep and delta < ROUND_OFF and not near and not solved(flow, x):
             here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
             continue
         if delta < small and curvature * delta * delta < NEGLIGIBLE:
             if flow.foresees:
-                flow.foreseen[CURVATURE] *= DOUBT
+                flow.foreseen.curvature *= DOUBT
             return finish(flow), iteration
         here = x
         last, bent, seen = delta, 0.0, False
@@ -172,7 +176,7 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
             bent = max(bent, correction)
             if flow.foresees and not seen:
                 shown = 2.0 * max(correction, SHOWN) / max(delta, SQUARED) ** 2
-                flow.foreseen[CURVATURE] = max(LEAST, max(shown, 0.25 * flow.foreseen[CURVATURE]))
+                flow.foreseen.curvature = max(LEAST, max(shown, 0.25 * flow.foreseen.curvature))
             if not correction < 0.1 * last:
                 if correction < CHORD_FLOOR:
                     return finish(flow), iteration

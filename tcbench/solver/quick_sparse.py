@@ -24,9 +24,6 @@ LEFT = 1e-17  # predicted error: what many steps leave with one sign is still be
 MOST = 20  # corrections with incomplete factors
 RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
 PAUSED = 20.0  # steps in which they are not tried, once they have failed
-# in `kept`: corrections with the factors in the step that made them, 0: none; more since then; steps without; of a
-# correction that no longer shrank, its size; what is known to be round-off
-MADE_IN, COST, PAUSE, STOPPED, NOISE = range(5)
 
 
 @rare
@@ -34,22 +31,22 @@ def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept
     copy_into(flow.x, flow.guess)
-    if kept[PAUSE] > 0.0:
-        kept[PAUSE] -= 1.0
+    if kept.pause > 0.0:
+        kept.pause -= 1.0
         return newton_krylov(flow)
     code, count = by_old_factors(flow)
     if code == ACCEPTED:
         return code, count
-    kept[MADE_IN], kept[PAUSE] = 0.0, PAUSED
+    kept.made_in, kept.pause = 0.0, PAUSED
     copy_into(flow.known, flow.x)
     copy_into(flow.x, flow.guess)
     code, more = newton_krylov(flow)
-    if code == ACCEPTED and kept[STOPPED] < CONVERGED:
+    if code == ACCEPTED and kept.stopped < CONVERGED:
         off = 0.0
         for i in range(n):
             off = max(off, abs(flow.x[i] - flow.known[i]) * flow.inverse_sizes[i])
-        if off < kept[STOPPED]:  # they had found the root: what they stopped at is round-off
-            kept[NOISE], kept[PAUSE] = max(kept[NOISE], kept[STOPPED]), 0.0
+        if off < kept.stopped:  # they had found the root: what they stopped at is round-off
+            kept.noise, kept.pause = max(kept.noise, kept.stopped), 0.0
     return code, count + more
 
 
@@ -59,8 +56,8 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
     x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
     scale = flow.inverse_sizes
-    new, made, floor = kept[MADE_IN] == 0.0, 0, max(ROUND_OFF, NOISY * kept[NOISE])
-    previous, slowest, kept[STOPPED] = np.inf, 0.0, 0.0
+    new, made, floor = kept.made_in == 0.0, 0, max(ROUND_OFF, NOISY * kept.noise)
+    previous, slowest, kept.stopped = np.inf, 0.0, 0.0
     for iteration in range(1, MOST + 1):
         behind = n
         if new:
@@ -89,7 +86,7 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
         if flow.steep and iteration == 1 and delta < CONVERGED:
             new = True  # as in `newton.quick`
             continue
-        kept[STOPPED] = delta if delta > 0.5 * previous else 0.0
+        kept.stopped = delta if delta > 0.5 * previous else 0.0
         if not (abs(total) < np.inf and delta <= max(previous, floor)):
             return REJECTED, iteration
         slowest = max(slowest, delta / previous if previous > 0.0 else 0.0)  # 0/0 at rest
@@ -100,10 +97,10 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
             new, slowest = True, 0.0
         elif stalled or (previous < np.inf and slowest * delta < LEFT):
             if made > 0:
-                kept[MADE_IN], kept[COST] = iteration - made + 1, 0.0
+                kept.made_in, kept.cost = iteration - made + 1, 0.0
             else:
-                kept[COST] += max(0.0, iteration - kept[MADE_IN])
-                kept[MADE_IN] = kept[MADE_IN] if kept[COST] < RENEWAL else 0.0
+                kept.cost += max(0.0, iteration - kept.made_in)
+                kept.made_in = kept.made_in if kept.cost < RENEWAL else 0.0
             return finish(flow), iteration
         previous = delta
     return REJECTED, MOST

@@ -8,6 +8,7 @@ from tcbench_plugins.net.net import net
 import tcbench
 from tcbench.compiler.language import made_up_address
 from tcbench.solver import flow_kernels, implicit_step, newton, quick_sparse, sparse
+from tcbench.solver.flow import OldFactors
 from tcbench.solver.pattern import Pattern, _parity
 
 CASES = [
@@ -149,7 +150,7 @@ def test_what_rests_is_found_by_two_corrections_of_nothing():
     flow = Linear(np.eye(2)).at(np.eye(2), np.zeros(2))
     flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, None, np.zeros(2), np.zeros(2)
     flow.inverse_sizes = np.zeros(2)
-    flow.scale, flow.kept, written = np.ones(2), np.zeros(5), flow.derivatives.copy()
+    flow.scale, flow.kept, written = np.ones(2), OldFactors(), flow.derivatives.copy()
     flow.iterate = flow.polish = made_up_address(lambda w, x, out: np.copyto(out, written))
     flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
     assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 2)
@@ -159,22 +160,22 @@ def test_corrections_before_new_factors_are_none_of_those_that_these_need():
     """Two with factors that contract poorly, two with those that are made then: beyond two a step costs more."""
     n = 2
     flow = Linear(np.eye(n)).at(3.0 * np.eye(n), np.zeros(n))
-    flow.n, flow.npos, flow.kept = n, 0, np.zeros(5)
+    flow.n, flow.npos, flow.kept = n, 0, OldFactors()
     flow.w, flow.inverse_sizes, flow.x, flow.dz = None, np.ones(n), *np.zeros((2, n))
     assert sparse.incomplete_factors(flow)
-    flow.kept[quick_sparse.MADE_IN], matrix = 1.0, flow.derivatives[n:] / 3.0
+    flow.kept.made_in, matrix = 1.0, flow.derivatives[n:] / 3.0
     flow.polish = made_up_address(lambda w, x, out: np.copyto(out[:n], x - 1.0))
     flow.iterate = made_up_address(lambda w, x, out: np.copyto(out, np.r_[x - 1.0, matrix]))
     flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
     assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 4)
-    assert flow.kept[quick_sparse.MADE_IN] == 2.0 and np.array_equal(flow.x, [1.0, 1.0])
+    assert flow.kept.made_in == 2.0 and np.array_equal(flow.x, [1.0, 1.0])
 
 
 def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factors():
     """Of a residual that is known to 1e-12 only: the first root is found by Newton, the next ones without it."""
     n, calls = 4, []
     flow = Linear(np.eye(n)).at(1.01 * np.eye(n), np.zeros(n))
-    flow.n, flow.npos, flow.scale, flow.kept = n, 0, np.ones(n), np.zeros(5)
+    flow.n, flow.npos, flow.scale, flow.kept = n, 0, np.ones(n), OldFactors()
     flow.w, flow.guess, flow.inverse_sizes = None, np.zeros(n), np.ones(n)
     flow.x, flow.known, flow.dz = np.zeros((3, n))
     matrix = flow.derivatives[n:].copy()
@@ -187,7 +188,7 @@ def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factor
     flow.iterate = made_up_address(lambda w, x, out: (residual(w, x, out), np.copyto(out[n:], matrix)))
     flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
     assert quick_sparse.quick_sparse(flow)[0] == newton.ACCEPTED
-    assert flow.kept[quick_sparse.PAUSE] == 0.0 and 1e-12 < flow.kept[quick_sparse.NOISE] < 1e-11
+    assert flow.kept.pause == 0.0 and 1e-12 < flow.kept.noise < 1e-11
     assert quick_sparse.by_old_factors(flow)[0] == newton.ACCEPTED and np.abs(flow.x - 1.0).max() < 5e-12
 
 
