@@ -48,7 +48,7 @@ CORRECTIONS = 6
 FIRST_STEP = 0.25
 BISECTIONS = 40
 DETOURS = 24
-LAWFUL = 1e-7  # energy and entropy of a root of a method with both laws, and next to a collapsed spring
+LAWFUL_ROOT = 1e-7  # energy and entropy of a root of a method with both laws, and next to a collapsed spring
 
 
 @rare
@@ -205,8 +205,8 @@ def lawful(flow: CompiledFlow) -> bool:
     observe_ends(flow)
     call(flow.finish, flow.w, flow.x, flow.dz)
     energy, entropy = float(seen[0, 0]), float(seen[0, 1])
-    kept = abs(seen[1, 0] - energy) <= LAWFUL * (flow.least_energy + abs(energy))
-    return kept and float(seen[1, 1]) - entropy >= -LAWFUL * (flow.least_entropy + abs(entropy))
+    kept = abs(seen[1, 0] - energy) <= LAWFUL_ROOT * (flow.least_energy + abs(energy))
+    return kept and float(seen[1, 1]) - entropy >= -LAWFUL_ROOT * (flow.least_entropy + abs(entropy))
 
 
 @rare

@@ -106,8 +106,8 @@ class CompiledFlow(Record):
     jacobian: Matrix = sized("nj", "nj", of="derivatives", at="nx")
     by_h: Floats = sized("nj", of="derivatives", at="nx + nj * nj")
     entries: Floats = sized("nnz", of="derivatives", at="nx")  # of a sparse Jacobian
-    old: Floats = sized("nx")
-    known: Floats = sized("nx")
+    old: Floats = sized("nx")  # the root before the last one on the way in h
+    last: Floats = sized("nx")  # root on the way
     accepted: Floats = sized("n")
     seen: Matrix = sized("2", "n_observables")
     points: Matrix = sized("4", "nx + 1")  # of the arc

@@ -33,7 +33,9 @@ GIVEN_ENERGY, LEAST_ENTROPY, ENTROPY_MISS, ENERGY_MISS, INVARIANTS = range(5)
 FOUND_ENTROPY, MARGIN = range(2)
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
 SHRUNK = 0.75  # of what was missed, after a move that helped
-MOST = 24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
+MOST_MOVES = (
+    24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
+)
 
 
 def laws(system: System, z: Any) -> list[Any]:
@@ -161,7 +163,7 @@ def mended(to_mend: Address, to_hold: Address, target: Floats, given: Floats, fo
 def onto(to: Address, target: Floats, given: Floats, found: Floats) -> bool:
     """Moves of one of the two kernels, until its margin is positive."""
     size = len(found) - 2
-    for _ in range(MOST):
+    for _ in range(MOST_MOVES):
         call(to, target, given, found)
         if found[size + MARGIN] > 0.0:
             return float(abs(found[size + FOUND_ENTROPY])) < math.inf

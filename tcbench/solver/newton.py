@@ -28,10 +28,10 @@ CHORD_FLOOR = 1e-14  # a correction by old factors that no longer shrinks is rou
 NEGLIGIBLE = 1e-16  # predicted error that no further correction would change
 SMALL_PIVOT = 1e-7  # a least pivot below this: the elimination is repeated with pivoting
 # `foresee` extrapolates the roots of earlier steps
-MOST = 8  # degree of the polynomial through the last roots at most; ...
-ENOUGH = 1e-8  # ... it is raised while its highest difference is larger than this
-NEAR = 0.1  # of the size of an unknown: a guess farther from the last root is not taken
-LEAST = 1e-3  # least curvature believed: one correction may show that of one direction only
+MOST_DEGREE = 8  # degree of the polynomial through the last roots at most; ...
+ENOUGH_DEGREE = 1e-8  # ... it is raised while its highest difference is larger than this
+NEAR_GUESS = 0.1  # of the size of an unknown: a guess farther from the last root is not taken
+LEAST_CURVATURE = 1e-3  # least curvature believed: one correction may show that of one direction only
 LEARNED = 1e-6  # as SQUARED, with a curvature that an earlier step has shown
 SHOWN = 1e-17  # a second correction below this is round-off and shows no curvature
 DOUBT = 1.25  # factor by which the curvature is assumed to grow in a step that does not show it
@@ -133,9 +133,9 @@ def foresee(flow: CompiledFlow) -> None:
         off = max(off, abs(ahead) * size)
         highest = max(highest, abs(difference) * size)
         last = max(last, abs(before) * size)
-    flow.foreseen.near = degree > 0 and off < NEAR
+    flow.foreseen.near = degree > 0 and off < NEAR_GUESS
     if highest < last or degree < 2:
-        flow.foreseen.degree = min(degree + 1, MOST) if highest > ENOUGH else degree
+        flow.foreseen.degree = min(degree + 1, MOST_DEGREE) if highest > ENOUGH_DEGREE else degree
     elif degree > 2:
         flow.foreseen.degree = degree - 1
 
@@ -176,7 +176,7 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
             bent = max(bent, correction)
             if flow.foresees and not seen:
                 shown = 2.0 * max(correction, SHOWN) / max(delta, SQUARED) ** 2
-                flow.foreseen.curvature = max(LEAST, max(shown, 0.25 * flow.foreseen.curvature))
+                flow.foreseen.curvature = max(LEAST_CURVATURE, max(shown, 0.25 * flow.foreseen.curvature))
             if not correction < 0.1 * last:
                 if correction < CHORD_FLOOR:
                     return finish(flow), iteration
@@ -245,7 +245,7 @@ def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
     enough : predicted error that ends it, NEGLIGIBLE for a root that is kept. slope : of the line through `old` and
-    `known` on which it begins, and from which it must not leap; 0: there is none.
+    `last` on which it begins, and from which it must not leap; 0: there is none.
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
     It ends where the next correction would be below round-off, by how the last one shrank, or where corrections near a
@@ -304,13 +304,13 @@ def plain_newton(flow: CompiledFlow) -> tuple[int, int]:
 
 @rare
 def leaps(flow: CompiledFlow, slope: float) -> bool:
-    """Is x far from the line through `old` and `known`, as a root on another branch is?
+    """Is x far from the line through `old` and `last`, as a root on another branch is?
 
     Measured by sums of squares: they turn with the axes.
     """
     off, moved = 0.0, 0.0
     for i in range(flow.nx):
-        step, last = (flow.x[i] - flow.known[i]) * flow.scale[i], (flow.known[i] - flow.old[i]) * flow.scale[i]
+        step, last = (flow.x[i] - flow.last[i]) * flow.scale[i], (flow.last[i] - flow.old[i]) * flow.scale[i]
         off += (step - slope * last) ** 2
         moved += step * step + last * last
     return off > TRACK_OFF * TRACK_OFF * moved + TRACK_ENOUGH * TRACK_ENOUGH
@@ -323,12 +323,12 @@ def track(flow: CompiledFlow) -> tuple[int, int, int]:
     Secant predictor in h; the increment doubles (or grows 1.2-fold after a hard solve) and shrinks to 0.4, also where
     Newton's iterates leave the line that was predicted: past a fold there are other roots.
     """
-    x, old, known = flow.x, flow.old, flow.known
+    x, old, last = flow.x, flow.old, flow.last
     n = flow.nx
     done, step = 0.0, TRACK_FIRST
     before = 0.0  # fraction of the root in `old`
     iterations = 0
-    fill(known, 0.0)  # increments vanish at h = 0
+    fill(last, 0.0)  # increments vanish at h = 0
     fill(old, 0.0)
     for attempt in range(1, TRACK_TRIES + 1):
         if step < TRACK_MIN:
@@ -337,14 +337,14 @@ def track(flow: CompiledFlow) -> tuple[int, int, int]:
         set_step(flow, target)
         slope = (target - done) / (done - before) if done > before else 0.0
         for i in range(n):
-            x[i] = known[i] + slope * (known[i] - old[i])
+            x[i] = last[i] + slope * (last[i] - old[i])
         code, count = newton(flow, TRACK_ENOUGH if target < 1.0 else NEGLIGIBLE, slope)
         iterations += count
         if code == ACCEPTED:
             if target >= 1.0:
                 return ACCEPTED, iterations, attempt
-            copy_into(old, known)
-            copy_into(known, x)
+            copy_into(old, last)
+            copy_into(last, x)
             before, done = done, target
             step *= 2.0 if count <= 2 else 1.2
         else:

@@ -12,16 +12,16 @@ import numpy as np
 from ..compiler.language import call, copy_into, rare
 from .flow import CompiledFlow
 from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish, take_correction
-from .sparse import FOUND, backward, forward, incomplete_factors, sparse_correction
+from .sparse import SOLUTION, backward, forward, incomplete_factors, sparse_correction
 
 FIRST = 1e-4  # relative residual of the linear system of a first correction
 SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
 FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
 POOR = 0.15  # contraction by incomplete factors, above which Newton with whole corrections costs less
-ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this, ...
+CHORD_ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this, ...
 NOISY = 4.0  # ... or below so many times what whole corrections made of a root where such ones had stopped
 LEFT = 1e-17  # predicted error: what many steps leave with one sign is still below the round-off of their energies
-MOST = 20  # corrections with incomplete factors
+MOST_CHORDS = 20  # corrections with incomplete factors
 RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
 PAUSED = 20.0  # steps in which they are not tried, once they have failed
 
@@ -38,13 +38,13 @@ def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     if code == ACCEPTED:
         return code, count
     kept.made_in, kept.pause = 0.0, PAUSED
-    copy_into(flow.known, flow.x)
+    copy_into(flow.last, flow.x)
     copy_into(flow.x, flow.guess)
     code, more = newton_krylov(flow)
     if code == ACCEPTED and kept.stopped < CONVERGED:
         off = 0.0
         for i in range(n):
-            off = max(off, abs(flow.x[i] - flow.known[i]) * flow.inverse_sizes[i])
+            off = max(off, abs(flow.x[i] - flow.last[i]) * flow.inverse_sizes[i])
         if off < kept.stopped:  # they had found the root: what they stopped at is round-off
             kept.noise, kept.pause = max(kept.noise, kept.stopped), 0.0
     return code, count + more
@@ -54,11 +54,11 @@ def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
 def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
     """Corrections with incomplete factors alone, of this or of an earlier step; returns (ACCEPTED or REJECTED, how
     many). New ones are made where the old ones contract poorly, or have cost as much in further corrections."""
-    x, d, kept, found, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[FOUND], flow.nx, flow.order
+    x, d, kept, solution, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[SOLUTION], flow.nx, flow.order
     scale = flow.inverse_sizes
-    new, made, floor = kept.made_in == 0.0, 0, max(ROUND_OFF, NOISY * kept.noise)
+    new, made, floor = kept.made_in == 0.0, 0, max(CHORD_ROUND_OFF, NOISY * kept.noise)
     previous, slowest, kept.stopped = np.inf, 0.0, 0.0
-    for iteration in range(1, MOST + 1):
+    for iteration in range(1, MOST_CHORDS + 1):
         behind = n
         if new:
             call(flow.iterate, flow.w, x, d)
@@ -72,11 +72,11 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
             if not d[i] > 0.0:
                 return REJECTED, iteration
         for i in range(n):
-            found[i] = forward(flow, i, -d[order[i]], found)
+            solution[i] = forward(flow, i, -d[order[i]], solution)
         total, delta = 0.0, 0.0
         for i in range(n - 1, -1, -1):
-            at, step = order[i], backward(flow, i, found)
-            found[i] = step
+            at, step = order[i], backward(flow, i, solution)
+            solution[i] = step
             if at >= flow.n_own:
                 continue  # as in `corrected`
             size = abs(step) * scale[at]
@@ -103,7 +103,7 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
                 kept.made_in = kept.made_in if kept.cost < RENEWAL else 0.0
             return finish(flow), iteration
         previous = delta
-    return REJECTED, MOST
+    return REJECTED, MOST_CHORDS
 
 
 @rare

@@ -15,7 +15,7 @@ from .linear_algebra import SOLVED, STEEPEST, dot
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
 FINEST = 1e-10  # relative residual of a linear system in the careful solvers
-RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, FOUND = range(8)  # rows of `krylov`
+RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, SOLUTION = range(8)  # rows of `krylov`
 
 
 @rare
@@ -64,45 +64,45 @@ def too_steep(flow: CompiledFlow, i: int) -> bool:
 
 
 @rare
-def precondition(flow: CompiledFlow, right: Floats, found: Floats) -> None:
-    """found = (L U)^-1 right, by the incomplete factors."""
+def precondition(flow: CompiledFlow, right: Floats, solution: Floats) -> None:
+    """solution = (L U)^-1 right, by the incomplete factors."""
     for i in range(flow.ns):
-        found[i] = forward(flow, i, right[i], found)
+        solution[i] = forward(flow, i, right[i], solution)
     for i in range(flow.ns - 1, -1, -1):
-        found[i] = backward(flow, i, found)
+        solution[i] = backward(flow, i, solution)
 
 
-def forward(flow: CompiledFlow, i: int, right: float, found: Floats) -> float:
-    """Entry i of L^-1 right, from those before it in `found`."""
+def forward(flow: CompiledFlow, i: int, right: float, solution: Floats) -> float:
+    """Entry i of L^-1 right, from those before it in `solution`."""
     for k in range(flow.first[i], flow.diagonal[i]):
-        right -= flow.factors[k] * found[flow.columns[k]]
+        right -= flow.factors[k] * solution[flow.columns[k]]
     return right
 
 
-def backward(flow: CompiledFlow, i: int, found: Floats) -> float:
-    """Entry i of U^-1 found, from those behind it."""
-    total: float = found[i]
+def backward(flow: CompiledFlow, i: int, solution: Floats) -> float:
+    """Entry i of U^-1 solution, from those behind it."""
+    total: float = solution[i]
     for k in range(flow.diagonal[i] + 1, flow.first[i + 1]):
-        total -= flow.factors[k] * found[flow.columns[k]]
+        total -= flow.factors[k] * solution[flow.columns[k]]
     return total * float(flow.factors[flow.diagonal[i]])
 
 
 @rare
-def multiply(flow: CompiledFlow, x: Floats, found: Floats) -> None:
-    """found = J x."""
+def multiply(flow: CompiledFlow, x: Floats, solution: Floats) -> None:
+    """solution = J x."""
     first, columns, entries = flow.first, flow.columns, flow.entries
     for i in range(flow.ns):
         total = 0.0
         for k in range(first[i], first[i + 1]):
             total += entries[k] * x[columns[k]]
-        found[i] = total
+        solution[i] = total
 
 
 @rare
 def krylov(flow: CompiledFlow, tolerance: float) -> bool:
-    """BiCGStab (van der Vorst 1992) for J x = krylov[RIGHT], preconditioned, into krylov[FOUND]; did it converge?"""
+    """BiCGStab (van der Vorst 1992) for J x = krylov[RIGHT], preconditioned, into krylov[SOLUTION]; did it converge?"""
     k: Matrix = flow.krylov
-    r, shadow, p, v, y, z, t, x = k[RIGHT], k[SHADOW], k[SEARCH], k[IMAGE], k[MOVED], k[SMOOTHED], k[OTHER], k[FOUND]
+    r, shadow, p, v, y, z, t, x = k[RIGHT], k[SHADOW], k[SEARCH], k[IMAGE], k[MOVED], k[SMOOTHED], k[OTHER], k[SOLUTION]
     n = flow.ns
     copy_into(shadow, r)
     fill(x, 0.0)
@@ -166,12 +166,12 @@ def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> floa
     Of the residual and Jacobian in `derivatives`. fresh: make new incomplete factors, as without any.
     """
     n, order = flow.ns, flow.order
-    right, found = flow.krylov[RIGHT], flow.krylov[FOUND]
+    right, solution = flow.krylov[RIGHT], flow.krylov[SOLUTION]
     for i in range(n):
         right[i] = -flow.residual[order[i]]
-    known = not fresh and flow.factors[flow.diagonal[0]] > 0.0
-    if (known or incomplete_factors(flow)) and krylov(flow, tolerance):
-        corrected(flow, found)
+    stale = not fresh and flow.factors[flow.diagonal[0]] > 0.0
+    if (stale or incomplete_factors(flow)) and krylov(flow, tolerance):
+        corrected(flow, solution)
         return 1.0
     if flow.steep and sparse_stuck(flow):
         return 0.0
@@ -183,12 +183,12 @@ def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> floa
     return sign
 
 
-def corrected(flow: CompiledFlow, found: Floats) -> None:
+def corrected(flow: CompiledFlow, solution: Floats) -> None:
     """The solution of the linear system into d. Of shared numbers, which the others make, 0: next to a start at which
     they are 0/0 they may move by 1e16, beside which any other correction would seem to be the last."""
     for i in range(flow.ns):
         at = flow.order[i]
-        flow.d[at] = found[i] if at < flow.n_own else 0.0
+        flow.d[at] = solution[i] if at < flow.n_own else 0.0
 
 
 @rare

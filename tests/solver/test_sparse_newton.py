@@ -177,7 +177,7 @@ def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factor
     flow = Linear(np.eye(n)).at(1.01 * np.eye(n), np.zeros(n))
     flow.n, flow.npos, flow.scale, flow.kept = n, 0, np.ones(n), OldFactors()
     flow.w, flow.guess, flow.inverse_sizes = None, np.zeros(n), np.ones(n)
-    flow.x, flow.known, flow.dz = np.zeros((3, n))
+    flow.x, flow.last, flow.dz = np.zeros((3, n))
     matrix = flow.derivatives[n:].copy()
 
     def residual(w, x, out):
