@@ -1,4 +1,4 @@
-"""SciPy's solvers, each by its fastest interface, with the compiled right-hand side and the exact Jacobian.
+"""SciPy's solvers, each by its fastest interface, those of solve_ivp step by step, with the compiled right-hand side and the exact Jacobian.
 
 The usual alternative for a user. They do not use energy, momentum or entropy and claim nothing.
 """
@@ -14,7 +14,6 @@ DENSE = 80  # length of a state up to which a dense Jacobian is the faster one
 IMPLICIT = ("Radau", "BDF", "LSODA")
 EXPLICIT = ("dopri5", "dop853", "rk45")  # take right-hand sides alone
 NOT_FINITE = "array must not contain infs or NaNs"  # as SciPy says it
-DENSE_LU = ("Radau", "BDF")  # solve linear systems by scipy.linalg.lu_factor and lu_solve
 
 
 def odeint(system, z0, t_eval, rtol, atol):
@@ -102,43 +101,25 @@ def door_of_solve_ivp(method):
         )
 
         solver.fun = field.rate  # SciPy's own counts and checks what it returns
-        if method in DENSE_LU and system.size <= DENSE:
-            by_lapack(solver)
 
         def states():
-            row, passed = 0, solver.direction * np.asarray(t_eval)
+            row, steps, passed = 0, 0, solver.direction * np.asarray(t_eval)
             while row < len(t_eval):
                 with lost(method):
                     message = solver.step()
                 if solver.status == "failed":
                     raise ArithmeticError(f"solve_ivp {method}: {message}")
+                steps += 1
                 here = np.searchsorted(passed, solver.direction * solver.t, side="right")
                 if here > row:
                     between = solver.dense_output()(t_eval[row:here])
-                    counts["rhs_evaluations"] = field.evaluations
+                    counts.update(steps=steps, rhs_evaluations=field.evaluations)
                     yield from between.T
                     row = here
 
         return states(), counts
 
-    all_outputs = whole(outputs)
-
-    def adaptive(system, z0, t_eval, rtol, atol):
-        import scipy.integrate
-
-        if len(t_eval) > 2:
-            return all_outputs(system, z0, t_eval, rtol, atol)
-        field = Field(system)
-        with lost(method):
-            solution = scipy.integrate.solve_ivp(
-                field.rate, (t_eval[0], t_eval[-1]), z0, method, rtol=rtol, atol=system.absolute(atol),
-                **extras(system, field),
-            )  # fmt: skip
-        if not solution.success:
-            raise ArithmeticError(f"solve_ivp {method}: {solution.message}")
-        return solution.y.T[[0, -1]], {"rhs_evaluations": int(solution.nfev), "steps": len(solution.t) - 1}
-
-    return adaptive, outputs
+    return whole(outputs), outputs
 
 
 @contextmanager
@@ -150,32 +131,6 @@ def lost(method):
         if NOT_FINITE not in str(error):
             raise
         raise ArithmeticError(f"solve_ivp {method}: {error}") from error
-
-
-def by_lapack(solver):
-    """Let a solver call LAPACK as SciPy's functions do, without what surrounds it, a third of the time of a run.
-
-    Only where its states are asked for one by one, which is never timed. The numbers are the same to the last bit.
-    """
-    from scipy.linalg import lapack
-
-    getrf = {"f": lapack.dgetrf, "c": lapack.zgetrf}
-    getrs = {"f": lapack.dgetrs, "c": lapack.zgetrs}
-
-    def finite(array):
-        if not np.isfinite(array).all():
-            raise ValueError(NOT_FINITE)
-        return array
-
-    def lu(matrix):
-        solver.nlu += 1
-        return getrf[matrix.dtype.kind](finite(matrix), overwrite_a=True)[:2]
-
-    def solve_lu(factors, b):
-        return getrs[factors[0].dtype.kind](*factors, finite(b), overwrite_b=True)[0]
-
-    if hasattr(solver, "lu") and hasattr(solver, "solve_lu"):
-        solver.lu, solver.solve_lu = lu, solve_lu
 
 
 def whole(outputs):

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from .systems.system import System
 
 SOLVED_FOR = {"entropy": "", "temperature": "temperatures", "energy": "energies"}  # in the place of entropies
-MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
 TAKE_ANY = "take a method for every system, such as tc_monolithic"
 ELEMENTS = f"write its class as an ElementSystem (docs/add-system.md), or {TAKE_ANY}"
 WAYS = ("flows", "step", "adaptive")  # to step; an integrator gives one
@@ -91,11 +90,12 @@ class Flow:
 
 KINDS_OF_FLOWS = {"residual": "a function", "fraction": "a number", "of_step": "True or False",
                   **dict.fromkeys(("stages", "memory", "most"), "a whole number")}  # fmt: skip
+FUNCTIONS = ("step", "march", "adaptive", "outputs", "workspace", "refuses", "family")
 SETS = ("claims", "tags", "systems", "needs", "requires")  # of words
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more
     **dict.fromkeys((*SETS, "uses"), "words or a word"), **dict.fromkeys(("increments", "by_default"), "True or False"),
     **dict.fromkeys(("source", "description", "nonfinite", "plugin", "base"), "a word"),
-    "parameters": "a mapping", "family": "a function or nothing",
+    **dict.fromkeys(FUNCTIONS, "a function or nothing"), "parameters": "a mapping",
 }  # fmt: skip
 
 
@@ -218,9 +218,8 @@ class Integrator:
         return f"<Integrator {self.name}: {order}{kept}{'; ' if self.source else ''}{self.source}>"
 
     def __post_init__(self) -> None:
+        expect("An Integrator", vars(self), {"name": "a word"})
         expect(f"Integrator {self.name!r}", vars(self), KINDS_OF_FIELDS)
-        if not isinstance(self.name, str):
-            raise TcbenchError(f"The name of an integrator is a word, not {self.name!r}.")
         if not _NAME.match(self.name.partition("[")[0]):
             raise TcbenchError(f"Integrator name {self.name!r} must be lower-case letters, digits and underscores.")
         order: Any = self.order  # whatever an author wrote
@@ -233,9 +232,6 @@ class Integrator:
         for name in (*SETS, "uses"):
             kind = tuple if name in ("needs", "requires", "uses") else frozenset
             object.__setattr__(self, name, kind(getattr(self, name)))
-        for way in ("step", "march", "adaptive", "outputs", "workspace", "refuses"):
-            if getattr(self, way) is not None and not callable(getattr(self, way)):
-                self._refuse(f": {way}= is a function, not {getattr(self, way)!r}.")
         ways = [way for way in WAYS if getattr(self, way) is not None]
         if len(ways) != 1:
             self._refuse(
@@ -302,31 +298,10 @@ class Integrator:
         if self.elements and not system.defines("element_energy"):
             own = "its formulas are written in elements with a strain and an entropy each"
             return f"{own}, and {system.name} has none: {ELEMENTS}"
-        if system.multipliers and (reason := self._constrained(system)):
-            return reason
-        missing = ", ".join(name for name in self.needs if not system.defines(name))
-        if missing:
-            return (
-                f"it needs {missing}, which the system {system.name} does not define: write {missing}() in its class, "
-                f"or {TAKE_ANY}"
-            )
-        return self.refuses(system) if self.refuses else ""
-
-    def _constrained(self, system: System) -> str:
-        """Why the method cannot run under constraints, "" where it can."""
-        if self.kind == "flows" and not self.memory and not any(flow.stages or flow.of_step for flow in self.flows):
-            return ""
-        if self.kind == "adaptive" and "peer" in self.tags:
-            if system.size <= MOST_REDUCED or "explicit" in self.tags:
-                return ""
-            return (
-                f"it needs the ODE under the constraints as formulas, which are traced up to {MOST_REDUCED} numbers; "
-                f"{system.name} has {system.size}: take scipy_dop853 or solve_ivp_rk45, to which numbers are enough"
-            )
-        return (
-            f"{system.name} has constraints, whose multipliers are unknowns of one-step formulas without stages: take "
-            "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy"
-        )
+        if missing := ", ".join(name for name in self.needs if not system.defines(name)):
+            lacks = f"it needs {missing}, which the system {system.name} does not define"
+            return system.excludes(self) or f"{lacks}: write {missing}() in its class, or {TAKE_ANY}"
+        return system.excludes(self) or (self.refuses(system) if self.refuses else "")
 
     @property
     def sources(self) -> tuple[str, ...]:

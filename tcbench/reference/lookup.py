@@ -22,7 +22,7 @@ import numpy as np
 
 from .. import cache
 from ..errors import TcbenchError
-from ..integrator import MOST_REDUCED
+from ..systems.constrained import MOST_REDUCED
 from ..systems.right_hand_side import Field
 from ..systems.scenario import Scenario
 from . import pairs

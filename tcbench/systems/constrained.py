@@ -29,8 +29,10 @@ from ..errors import TcbenchError, TraceError
 from .state import products, summed
 
 if TYPE_CHECKING:
+    from ..integrator import Integrator
     from .system import System
 
+MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
 
 
@@ -55,6 +57,23 @@ def named_constraints(system: System, found: Any, where: str) -> Any:
         wanted = ", ".join(f"{name!r}: ..." for name in system.multipliers)
         raise TcbenchError(f"{where} returns what has to be 0 by the name of its multiplier, {{{wanted}}}.")
     return found
+
+
+def excluded(system: System, method: Integrator) -> str:
+    """Why a method cannot run under constraints, "" where it can."""
+    if method.kind == "flows" and not method.memory and not any(flow.stages or flow.of_step for flow in method.flows):
+        return ""
+    if method.kind == "adaptive" and "peer" in method.tags:
+        if system.size <= MOST_REDUCED or "explicit" in method.tags:
+            return ""
+        return (
+            f"it needs the ODE under the constraints as formulas, which are traced up to {MOST_REDUCED} numbers; "
+            f"{system.name} has {system.size}: take scipy_dop853 or solve_ivp_rk45, to which numbers are enough"
+        )
+    return (
+        f"{system.name} has constraints, whose multipliers are unknowns of one-step formulas without stages: take "
+        "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy"
+    )
 
 
 def conditions(system: System, z: Any) -> list[Any]:

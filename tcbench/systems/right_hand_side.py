@@ -15,7 +15,7 @@ from ..compiler.derivatives import INFINITE
 from ..compiler.once import cached_property
 from ..compiler.ops import NAMED, completed
 from ..errors import TcbenchError
-from ..integrator import MOST_REDUCED
+from .constrained import MOST_REDUCED
 from .system import System
 
 

@@ -12,8 +12,7 @@ laws follow. Or the matrices `poisson(z)` and `friction(z)`, with identities at 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,16 +26,16 @@ from ..errors import TcbenchError, unknown_name
 from . import constrained
 from .as_written import RETURNED, as_written, derive
 from .declaration import check_declared, checked_constant, finite, named_constant, whole
-from .least_sizes import LeastSizes
-from .operators import projected
+from .formulas import FORMULAS, Formulas
 from .refusals import check_attribute, check_class
 from .state import Layout, State, fixed, formulas_hash, in_one_row, laid_out, products, summed
 from .traced import OF_LAWS, derived
 
-FORMULAS = ("energy", "entropy", "reversible", "irreversible")
+if TYPE_CHECKING:
+    from ..integrator import Integrator
 
 
-class System(LeastSizes):
+class System(Formulas):
     """Base class of GENERIC systems; an instance holds values of the constants and is immutable.
 
     A subclass declares `name`, `variables` and `constants` and defines `energy`, `entropy`, `reversible` and
@@ -76,16 +75,6 @@ class System(LeastSizes):
     Romero (2009), eq. (1), dz/dt = L grad E + M grad S; eq. (37) for V; docs/add-system.md.
     """
 
-    variables: Mapping[str, tuple[Any, ...]] = {}  # name -> shape
-    positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
-    non_negative: ClassVar[tuple[str, ...]] = ()
-    reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
-    multipliers: ClassVar[Mapping[str, Any]] = {}  # name -> shape, of holonomic constraints; see constraints()
-    pull: Any = None  # of a view that a formula is traced on: the multipliers
-    source: ClassVar[str] = ""
-    units: ClassVar[Mapping[str, Any]] = {}  # of variables, constants, energy, entropy, time: for `tcbench check`
-    initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
-    collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
     # what an author may define; every other name that the class has is derived or taken
     written: ClassVar[tuple[str, ...]] = (
         "name", "constants", "variables", "tables", "positive", "non_negative", "reference_temperature", "source",
@@ -128,69 +117,6 @@ class System(LeastSizes):
         self.formulas = formulas_hash(type(self))
         given = {name: np.ravel(getattr(self, name)) for name in self.constants}
         self.zeros = tuple((name, int(i)) for name, x in given.items() for i in np.flatnonzero(x == 0.0))
-
-    # ---- written by the author -------------------------------------------------------------------------
-
-    @derived
-    def energy(self, z: Any) -> Any:
-        """Total energy E(z)."""
-        raise TcbenchError(f"{type(self).__name__} must define energy(z), a formula of its variables: one number.")
-
-    @derived
-    def entropy(self, z: Any) -> Any:
-        """Total entropy S(z)."""
-        raise TcbenchError(f"{type(self).__name__} must define entropy(z), a formula of its variables: one number.")
-
-    @derived
-    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        """L(z) dE: rates by the name of their variable; those that are not named are 0."""
-        return self._by_matrix("poisson", z, dE, dS)
-
-    @derived
-    def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        """M(z) dS, likewise."""
-        return self._by_matrix("friction", z, dS, dE)
-
-    def _by_matrix(self, name: str, z: Any, slopes: Any, others: Any) -> State:
-        """The author's matrix times the slopes; 0 where there is none."""
-        if getattr(type(self), name) is getattr(System, name):
-            return self.state(0.0 * z)
-        return self.state(projected(getattr(type(self), name)(self, self.state(z)), *map(np.asarray, (slopes, others))))
-
-    def poisson(self, z: Any) -> Any:
-        """L(z), shape (size, size), with L = -L^T and L grad S = 0, in the place of `reversible`."""
-        return np.zeros((self.size, self.size))
-
-    def friction(self, z: Any) -> Any:
-        """M(z), shape (size, size), with M = M^T >= 0 and M grad E = 0, in the place of `irreversible`."""
-        return np.zeros((self.size, self.size))
-
-    def invariants(self, z: Any) -> dict[str, Any]:
-        """What else is conserved, by name; none by default."""
-        return {}
-
-    def constraints(self, z: Any) -> dict[str, Any]:
-        """What has to be 0, by the name of its multiplier; none by default. The energy is written without them."""
-        return {}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        """Absolute temperatures, one or several, from the gradients; they must stay positive. None by default."""
-        return []
-
-    def measures(self, z: Any) -> Any:
-        """What else must stay positive: lengths, volumes, concentrations. None by default."""
-        return []
-
-    def points(self, z: Any) -> Any:
-        """The two ends of each line of a picture in the plane, shape (lines, 2, 2); optional."""
-        raise TcbenchError(
-            f"System {self.name!r} does not say what it looks like: write points(z), lines in the plane "
-            "(docs/add-system.md), or take the curves of run.plot()."
-        )
-
-    def exergy_offset(self) -> Any:
-        """Constant that makes V = E - theta_ref S + offset >= 0."""
-        return 0.0
 
     @classmethod
     def defines(cls, name: str) -> bool:
@@ -430,6 +356,10 @@ class System(LeastSizes):
         """dz/dt as if there were no constraints."""
         covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
         return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
+
+    def excludes(self, method: Integrator) -> str:
+        """Why a method cannot run on systems of this kind, "" where it can; see `Integrator.suits`."""
+        return constrained.excluded(self, method) if self.multipliers else ""
 
     @derived
     def constraint_values(self, z: Any) -> Any:

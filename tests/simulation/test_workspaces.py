@@ -105,7 +105,7 @@ def test_a_workspace_without_a_step_is_refused():
     for ways in ({"flows": bdf2}, {"adaptive": lambda *a: None}):
         with pytest.raises(TcbenchError, match="workspace= without step="):
             Integrator(name="a", order=1, workspace=list, **ways)
-    with pytest.raises(TcbenchError, match="workspace= is a function, not 3"):
+    with pytest.raises(TcbenchError, match="workspace must be a function or nothing, not 3"):
         Integrator(name="a", order=1, step=richardson, workspace=3)
 
 

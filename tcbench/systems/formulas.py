@@ -1,0 +1,96 @@
+"""What the author of a GENERIC system writes: the contract of `System`, with what holds where nothing is written.
+
+energy(z), entropy(z), reversible(z, dE, dS) and irreversible(z, dE, dS), or the matrices poisson(z) and friction(z);
+all else is optional.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import TcbenchError
+from .least_sizes import LeastSizes
+from .operators import projected
+from .state import State
+from .traced import derived
+
+FORMULAS = ("energy", "entropy", "reversible", "irreversible")
+
+
+class Formulas(LeastSizes):
+    """Declarations and formulas, z of shape (size,), everything dimensionless; see `System`."""
+
+    variables: Mapping[str, tuple[Any, ...]] = {}  # name -> shape
+    positive: ClassVar[tuple[str, ...]] = ()  # constants that must be > 0
+    non_negative: ClassVar[tuple[str, ...]] = ()
+    reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
+    multipliers: ClassVar[Mapping[str, Any]] = {}  # name -> shape, of holonomic constraints; see constraints()
+    pull: Any = None  # of a view that a formula is traced on: the multipliers
+    source: ClassVar[str] = ""
+    units: ClassVar[Mapping[str, Any]] = {}  # of variables, constants, energy, entropy, time: for `tcbench check`
+    initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
+    collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
+
+    @derived
+    def energy(self, z: Any) -> Any:
+        """Total energy E(z)."""
+        raise TcbenchError(f"{type(self).__name__} must define energy(z), a formula of its variables: one number.")
+
+    @derived
+    def entropy(self, z: Any) -> Any:
+        """Total entropy S(z)."""
+        raise TcbenchError(f"{type(self).__name__} must define entropy(z), a formula of its variables: one number.")
+
+    @derived
+    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
+        """L(z) dE: rates by the name of their variable; those that are not named are 0."""
+        return self._by_matrix("poisson", z, dE, dS)
+
+    @derived
+    def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
+        """M(z) dS, likewise."""
+        return self._by_matrix("friction", z, dS, dE)
+
+    def _by_matrix(self, name: str, z: Any, slopes: Any, others: Any) -> State:
+        """The author's matrix times the slopes; 0 where there is none."""
+        if getattr(type(self), name) is getattr(Formulas, name):
+            return self.state(0.0 * z)
+        return self.state(projected(getattr(type(self), name)(self, self.state(z)), *map(np.asarray, (slopes, others))))
+
+    def poisson(self, z: Any) -> Any:
+        """L(z), shape (size, size), with L = -L^T and L grad S = 0, in the place of `reversible`."""
+        return np.zeros((self.size, self.size))
+
+    def friction(self, z: Any) -> Any:
+        """M(z), shape (size, size), with M = M^T >= 0 and M grad E = 0, in the place of `irreversible`."""
+        return np.zeros((self.size, self.size))
+
+    def invariants(self, z: Any) -> dict[str, Any]:
+        """What else is conserved, by name; none by default."""
+        return {}
+
+    def constraints(self, z: Any) -> dict[str, Any]:
+        """What has to be 0, by the name of its multiplier; none by default. The energy is written without them."""
+        return {}
+
+    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
+        """Absolute temperatures, one or several, from the gradients; they must stay positive. None by default."""
+        return []
+
+    def measures(self, z: Any) -> Any:
+        """What else must stay positive: lengths, volumes, concentrations. None by default."""
+        return []
+
+    def points(self, z: Any) -> Any:
+        """The two ends of each line of a picture in the plane, shape (lines, 2, 2); optional."""
+        raise TcbenchError(
+            f"System {self.name!r} does not say what it looks like: write points(z), lines in the plane "
+            "(docs/add-system.md), or take the curves of run.plot()."
+        )
+
+    def exergy_offset(self) -> Any:
+        """Constant that makes V = E - theta_ref S + offset >= 0."""
+        return 0.0
