@@ -1,4 +1,4 @@
-"""SciPy's solvers, each by its fastest interface, those of solve_ivp step by step, with the compiled right-hand side and the exact Jacobian.
+"""SciPy's solvers, those of solve_ivp step by step, with the compiled right-hand side and the exact Jacobian.
 
 The usual alternative for a user. They do not use energy, momentum or entropy and claim nothing.
 """
@@ -103,7 +103,8 @@ def door_of_solve_ivp(method):
         solver.fun = field.rate  # SciPy's own counts and checks what it returns
 
         def states():
-            row, steps, passed = 0, 0, solver.direction * np.asarray(t_eval)
+            yield z0
+            row, steps, passed = 1, 0, solver.direction * np.asarray(t_eval)
             while row < len(t_eval):
                 with lost(method):
                     message = solver.step()
