@@ -11,13 +11,11 @@ seen is kept with it and compared by identity, which takes a tenth of the time o
 
 from __future__ import annotations
 
-import dataclasses
 import dis
 import enum
 import functools
 import hashlib
 import itertools
-import re
 import sys
 import sysconfig
 import types
@@ -54,7 +52,7 @@ NOT_CONTENT = frozenset({
 HEAP_TYPE = 1 << 9  # flag of classes that a class statement made
 FIXED = (  # kinds that cannot be changed, but for what they are made of
     types.CodeType, types.BuiltinFunctionType, types.MethodWrapperType, types.MethodType, types.ModuleType,
-    staticmethod, classmethod, property, np.ufunc, np.dtype, re.Pattern, slice, range, frozenset, enum.Enum,
+    staticmethod, classmethod, property, np.ufunc, np.dtype, slice, range, frozenset, enum.Enum,
     functools.cached_property, functools.partial,
 )  # fmt: skip
 PLAIN = (type(None), bool, int, float, complex, str, bytes, types.EllipsisType, types.NotImplementedType)
@@ -315,22 +313,12 @@ class _Seen:
             self.add(item.__func__)
         elif isinstance(item, property):
             self.add(item.fget, item.fset, item.fdel)
-        elif isinstance(item, slice | range):
-            self.add(item.start, item.stop, item.step)
-        elif isinstance(item, enum.Enum):
-            self.add(kind, item.name, item.value)
-        elif isinstance(item, re.Pattern):
-            self.note(item.pattern, item.flags)
-        elif isinstance(item, np.ufunc | np.dtype) or kind.__module__ in ("typing", "types"):
-            self.note(str(item))
+        elif isinstance(item, np.ufunc):
+            self.note(item.__name__)
         elif isinstance(item, functools.cached_property):
             self.add(item.func)
-        elif isinstance(item, functools.partial):
-            self.add(kind, item.func, item.args, item.keywords)
         elif _package_of(kind) and isinstance(wrapped := getattr(item, "__wrapped__", None), types.FunctionType):
             self.add(wrapped)  # of lru_cache
-        elif _package_of(kind) and dataclasses.is_dataclass(item):
-            self.add(kind, *(getattr(item, f.name) for f in dataclasses.fields(item) if f.compare))
         elif kind.__module__ == "itertools":  # from Python 3.14 on they do not say where they are
             raise HashlessError(f"itertools.{kind.__name__}")
         else:  # what pickle would keep: how it is made, and its state
