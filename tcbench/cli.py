@@ -199,11 +199,14 @@ def show() -> None:
 
 
 @main.command()
-@runs()
+@click.argument("folders", nargs=-1, type=click.Path(path_type=Path), metavar="[FOLDER]...")
+@click.option(
+    "--output", "-o", type=click.Path(path_type=Path), help="The page (default: report.html in the first FOLDER)."
+)
 @PLUGINS
 @done_by("actions:report_command")
 def report() -> None:
-    """Write report.html of a run: one self-contained page. FOLDER: results/latest."""
+    """Write report.html of a run, or of several on one page: one self-contained file. FOLDER: results/latest."""
 
 
 @main.command()

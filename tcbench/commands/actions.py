@@ -28,7 +28,7 @@ from ..runner.tables import only, read_tables
 from ..studies.base import known_tables, studies
 from ..table import Table
 from . import terminal
-from .options import words
+from .options import LATEST, words
 from .simulate import one_of
 
 if TYPE_CHECKING:
@@ -284,13 +284,14 @@ def _is_installed(name: str) -> bool:
         return False
 
 
-def report_command(folder: Path, as_json: bool) -> None:
+def report_command(folders: tuple[Path, ...], output: Path | None, as_json: bool) -> None:
     from ..report.write_report import write_report
 
-    store = Store.read(folder)
+    first, *others = folders or (LATEST,)
+    store = Store.read(first)
     tables = read_tables(store)
     with waiting("writing report.html"):
-        page = write_report(folder, (store, tables))
+        page = write_report(first, (store, tables), output, others)
     wrote([page], as_json)
     terminal.warn([*dict.fromkeys(store.problems), *unknown_methods(tables, store)])
 

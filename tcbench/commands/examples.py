@@ -24,7 +24,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "tcbench data short_term --judge pendulum.npz",
     ),
     "show": ("tcbench show results/latest", "tcbench show results/latest --table conservation -s long_term"),
-    "report": ("tcbench report results/latest",),
+    "report": ("tcbench report results/latest", "tcbench report results/published results/mine -o both.html"),
     "plot": ("tcbench plot conservation results/latest -s long_term -o errors.svg --size 15x10cm",),
     "animate": ("tcbench animate midpoint_entropy tc_monolithic stiff_spring --dt 0.3 --t-end 6 -o blowup.gif",),
     "paper": ("tcbench paper -o results/paper --format svg",),

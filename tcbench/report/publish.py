@@ -13,12 +13,13 @@ from typing import Any
 from ..errors import TcbenchError, writing
 from ..files import replacing
 from ..runner.rows import Store
-from .write_report import machine, templates, write_report
+from .together import machine
+from .write_report import templates, write_report
 
 COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and the manifest
 # Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
 TREES = {"tables": (".csv", ".parquet"), "sources": (".py", ".toml", ".txt", ".csv", ".json", ".npy", ".npz")}
-INDEX = "index.html"
+INDEX, TOGETHER = "index.html", "together.html"
 
 
 def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
@@ -39,6 +40,8 @@ def publish(folders: Sequence[str | Path], output: str | Path) -> Path:
             name = run.resolve().name
             names[name] = names.get(name, 0) + 1
             entries.append(_published(run, name if names[name] == 1 else f"{name}-{names[name]}", output))
+        if len(runs) > 1:
+            write_report(runs[0], page=output / TOGETHER, others=runs[1:])
         entries.sort(key=itemgetter("machine", "ended", "name"))
         page = templates().get_template("site.html").render(entries=entries)
         with replacing(output / INDEX) as temporary:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ from .page_charts import panels_of
 from .page_data import FAMILIES, failures, law_dots, lenses, methods, names, stopped, telling
 from .pairs import LOOSE, pairs
 from .plot import run_looks
+from .together import machine, together
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -39,11 +40,13 @@ TOGETHER = re.compile(r"(?<=\d) (?=(?:%|µs|ms|s)(?!\w))|(?<=\b[ht]) (?==)|(?<=\
 
 
 def write_report(
-    folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]] | None = None, page: Path | None = None
-) -> Path:
+    folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]] | None = None, page: Path | None = None,
+    others: Sequence[str | Path] = (),
+) -> Path:  # fmt: skip
     """Write `report.html` into a run folder, complete or not at all; returns its path.
 
-    known : the folder's store and tables, where they have been read. page : another place for it.
+    known : the folder's store and tables, where they have been read. page : another place for it. others : folders of
+    runs that are on the page, too.
 
     Everything that the run has is shown, and nothing is said of studies that it has not. Raises TcbenchError where
     there is no run or nothing can be written.
@@ -51,7 +54,10 @@ def write_report(
     store, tables = known or (found := Store.read(folder), read_tables(found))
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
-    text = templates().get_template("report.html").render(**_content(store, dict(tables)))
+    tables, declared, beside = together(store, tables, others) if others else (dict(tables), store.declared(), [])
+    content = _content(store, tables | history(store.folder), declared)
+    runs = [str(name) for name in ([folder, *others] if others else [])]
+    text = templates().get_template("report.html").render(**content, beside=beside, runs=runs)
     path = page or Path(folder) / "report.html"
     with writing(repr(str(path))), replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace")
@@ -74,21 +80,20 @@ def _unbroken(text: str) -> str:
     return TOGETHER.sub("\u00a0", POWER.sub(lambda found: power_text(float(found[0])), text))
 
 
-def _content(store: Store, tables: dict[str, DataFrame]) -> dict[str, Any]:
+def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, Any]) -> dict[str, Any]:
+    """What the template of the page asks for."""
     texts = "\n".join(script_text(f"{name}.js") for name in SCRIPTS)
     script = f'"use strict";\n(async () => {{\n{texts}\n}})();'
-    manifest, declared = store.manifest(), store.declared()
-    tables |= history(store.folder)
-    found = pairs(tables, declared)
+    manifest, found, scenarios = store.manifest(), pairs(tables, declared), names(tables, "scenario")
     rows = methods(found, tables, declared)
-    scenarios = names(tables, "scenario")
     charts = panels_of(kinds().values(), tables, declared, store.problems)
     known = {name: Table(name) for name in tables} | known_tables(declared)
     columns = {name: [column(str(c), known[name]) for c in table.columns] for name, table in tables.items()}
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
-        "leaders": leaders(tables, declared), "answers": {name: [(*told, _unbroken(text)) for *told, text in said]
+        "leaders": leaders(tables, declared, found),
+        "answers": {name: [(*told, _unbroken(text)) for *told, text in said]
                     for name, said in scenario_answers(found, tables, scenarios).items()},
         "lawful": lawful_ones(found), "loose": LOOSE, "paper": paper(tables.get("claims")),
         "dots": law_dots(found, declared), "opening": telling(found), "marks": MARKS,
@@ -141,16 +146,6 @@ def _named(declared: Mapping[str, Any], tables: Mapping[str, DataFrame]) -> dict
         key: {name: declared[key][name] for name in names(tables, kind) if name in declared.get(key, {})}
         for key, kind in kinds.items()
     }
-
-
-def machine(manifest: Mapping[str, Any], *more: str) -> str:
-    """The processor and the cores that a run had, and more of what its manifest says of them."""
-    facts = manifest.get("machine")
-    if not isinstance(facts, Mapping):
-        return ""
-    cores = facts.get("usable_cores") or facts.get("cores")
-    others = [str(facts.get(name) or "") for name in ("cpu", *more)]
-    return ", ".join(filter(None, [others[0], f"{cores} cores" if cores else "", *others[1:]]))
 
 
 def _references(tables: Mapping[str, DataFrame]) -> list[tuple[str, str]]:

@@ -14,7 +14,7 @@ from tcbench.report.write_report import write_report
 
 VIEWS = (
     "", "#scenario=short_term", "#method=tc_strang", "#scenario=cold_spring&method=midpoint_entropy", "#failures",
-    "#claims", "#table=stability", "#measured",
+    "#claims", "#table=stability", "#measured", "#like", "#charts=blowup",
 )  # fmt: skip
 READY = "() => document.documentElement.dataset.ready"
 
@@ -516,3 +516,34 @@ def test_one_temperature_colours_no_line_of_three(page_of_a_ring, visit):
     page.locator(".running").first.wait_for()
     assert 0 <= page.evaluate(MOST_COLOURED) < 60  # the greys of lines and text, some of them bluish
     assert "of 62 variables and temperatures" in page.locator(".player").text_content()
+
+
+def test_a_chart_is_saved_as_svg_png_and_csv(full, visit):
+    page = visit(full, accept_downloads=True)
+    page.locator("#speed .save summary").click()
+    saved = {}
+    for kind in ("SVG", "PNG", "CSV"):
+        with page.expect_download() as waiting:
+            page.locator("#speed .save button", has_text=kind).click()
+        saved[kind] = waiting.value.path().read_bytes()
+    assert saved["SVG"].startswith(b"<svg") and b"color(" not in saved["SVG"] and b"class=" not in saved["SVG"]
+    assert saved["PNG"].startswith(b"\x89PNG") and len(saved["PNG"]) > 5000
+    rows = list(csv.DictReader(io.StringIO(saved["CSV"].decode())))
+    work = awkward.work_precision([*awkward.FIVE, *awkward.PEERS], ["stiff_spring"])
+    assert len(rows) >= (work["status"] == "ok").sum() and {*work["integrator"]} <= {row["method"] for row in rows}
+
+
+def test_a_tolerated_error_leads_to_a_step_and_a_problem_to_what_it_is_like(full, visit):
+    page = visit(full, "#scenario=short_term")
+    heads = page.locator(".rank thead th").all_inner_texts()
+    row = page.locator(".rank tbody tr", has_text="tc_monolithic").locator("td")
+    (at,) = [k for k, text in enumerate(heads) if text.startswith("h for 1%")]
+    table = awkward.work_precision(["tc_monolithic"], ["short_term"]).dropna(subset="error_theta")
+    wrong, steps = np.log(table["error_theta"].to_numpy()[::-1]), np.log(table["value"].to_numpy()[::-1])
+    step = np.exp(np.interp(np.log(0.01), wrong, steps))
+    assert float(row.nth(at - 1).inner_text()) == pytest.approx(step, rel=0.06)
+    page.locator("label", has_text="step for an error of").locator("select").select_option("0.0001")
+    assert page.locator(".rank thead th", has_text="h for 0.01%").count() == 1 and "off=0.0001" in page.url
+    page.locator("#tabs a", has_text="Which is like yours?").click()
+    page.locator("#like-page a", has_text="stiff_spring").click()
+    page.locator("#scenario-page h2", has_text="stiff_spring").wait_for()

@@ -40,13 +40,22 @@ const seconds = (value) => {
 const words = (name) => String(name).replaceAll("_", " ");
 const label = (column) => page.labels[column] || words(column);
 const short = (text, length = 40) => (String(text).length > length ? `${String(text).slice(0, length - 1)}…` : String(text));
+const download = (name, parts, type) => {
+  const url = URL.createObjectURL(new Blob(parts, { type }));
+  el("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 10000);
+};
+// text that begins as a formula does gets an apostrophe, as in the files of the run: no spreadsheet computes it
+const inert = (v) => (typeof v === "string" && /^(?:[=+@\t\r]|-.)/.test(v) ? `'${v}` : String(v));
+const quoted = (v) => (v === null || v === undefined ? "" : /[",\n\r]/.test(String(v)) ? `"${inert(v).replaceAll('"', '""')}"` : inert(v));
+const asCSV = (names, lines) => `${[names, ...lines].map((line) => line.map(quoted).join(",")).join("\n")}\n`;
 const prose = (text) => text.split(/`([^`]+)`/).map((part, i) => (i % 2 ? el("code", {}, part) : part));  // code between backticks
 const broken = (name) => String(name).split(/(?<=_)/).flatMap((part) => [part, el("wbr")]);  // may break after "_"
 const extent = (values) => values.reduce(([lo, hi], v) => [Math.min(lo, v), Math.max(hi, v)], [Infinity, -Infinity]);
 const unique = (values) => [...new Set(values)];
 
 // the address says what is chosen: a link leads to the same view with the same choices
-const CHOICES = new Set(["limits", "shown", "lens", "on", "show", "fixed", "sort", "of", "step", "by", "left", "right", "loss", "span", "minus", "variable", "search", "filter", "verdict", "overview"]);
+const CHOICES = new Set(["limits", "shown", "lens", "on", "show", "fixed", "sort", "of", "step", "by", "left", "right", "loss", "span", "minus", "off", "variable", "search", "filter", "verdict", "overview"]);
 const address = () => {
   const place = {};
   for (const part of location.hash.slice(1).split("&").filter(Boolean)) {

@@ -1,5 +1,5 @@
 // Which view is shown, and what is chosen in it, is in the address: `#method=NAME`, `#scenario=NAME&method=NAME`, `#lens=KEY`, ...
-const VIEWS = { overview, scenario: scenarios, method: methods, failures: failuresView, claims: claimsView, charts: chartsView, table: tablesView, measured: async () => {} };
+const VIEWS = { overview, scenario: scenarios, method: methods, failures: failuresView, claims: claimsView, charts: chartsView, table: tablesView, like: likeView, measured: async () => {} };
 const MEANT = { scenarios: "scenario", methods: "method", tables: "table", failure: "failures", claim: "claims", chart: "charts" };
 // a word that leads nowhere is said, with what there is
 const notice = (place) => {

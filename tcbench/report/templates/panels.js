@@ -46,7 +46,41 @@ const onlyOf = (panel, names) => {
 };
 const shownIn = (v, scale) => (scale === "share" ? `${number(100 * v)} %` : number(v));
 // shown: the names in colour; toggled(name, shown) when one is chosen; named: names stand in the margin; why(name): of a run that failed
-const panelChart = (panel, width, height, { scenario = "", shown = null, toggled = null, named = false, why = () => "", title = panel.title || panel.y.label } = {}) => {
+const panelChart = (panel, width, height, options = {}) => {
+  const drawing = panelDrawing(panel, width, height, options);
+  return drawing.tagName === "svg" ? el("div", { class: "picture" }, drawing, saved(panel, drawing)) : drawing;
+};
+// a chart as a file: its look is written into the SVG, which has no sheet of styles; a PNG is three times as large
+const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-family", "font-size", "font-weight", "paint-order", "display"];
+const plainColour = (v) => v.replace(/color\(srgb ([^)]+)\)/g, (_, parts) => { const [r, g, b, a] = parts.split(/[ /]+/).map(Number); return `rgb(${[r, g, b].map((c) => Math.round(255 * c)).join(",")}${a === undefined ? "" : `,${a}`})`; });
+const asSVG = (svg) => {
+  const copy = svg.cloneNode(true), own = [svg, ...svg.querySelectorAll("*")];
+  [copy, ...copy.querySelectorAll("*")].forEach((e, i) => {
+    const style = getComputedStyle(own[i]);
+    for (const name of KEPT) e.setAttribute(name, plainColour(style.getPropertyValue(name)));
+    for (const name of ["class", "style", "tabindex"]) e.removeAttribute(name);
+  });
+  copy.prepend(shape("rect", { width: "100%", height: "100%", fill: getComputedStyle(document.body).backgroundColor }));
+  return new XMLSerializer().serializeToString(copy);
+};
+const asPNG = async (svg, name) => {
+  const image = new Image(), { width, height } = svg.viewBox.baseVal, canvas = el("canvas", { width: 3 * width, height: 3 * height });
+  image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(asSVG(svg))}`;
+  await image.decode();
+  canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
+  canvas.toBlob((blob) => download(name, [blob], "image/png"));
+};
+const pointsOf = (panel) => (panel.rows ? panel.rows.flatMap((r) => r.marks.flatMap(([m, , places]) => places.map((x) => [r.name, panel.keys?.[m] || m, x])))
+  : panel.series.flatMap((s) => [...s.x.map((x, i) => [s.name, x, s.y[i], s.low[i], s.high[i]]), ...s.crosses.map((x) => [s.name, x, "failed"])]));
+const saved = (panel, svg) => {
+  const name = [svg.getAttribute("aria-label"), panel.title || panel.y.label].filter((t, i, all) => t && all.indexOf(t) === i).join(" ").replace(/[^\w.-]+/g, "_").slice(0, 60) || "chart";
+  const heads = panel.rows ? ["method", "mark", panel.x.label] : ["method", panel.x.label, panel.y.label || panel.title, "low", "high"];
+  const button = (text, to) => el("button", { type: "button", title: `Save this chart as ${text}`, onclick: to }, text);
+  return el("details", { class: "save" }, el("summary", { title: "Save this chart" }, "⤓"),
+    button("SVG", () => download(`${name}.svg`, [asSVG(svg)], "image/svg+xml")), button("PNG", () => asPNG(svg, `${name}.png`)),
+    button("CSV", () => download(`${name}.csv`, [asCSV(heads, pointsOf(panel))], "text/csv")));
+};
+const panelDrawing = (panel, width, height, { scenario = "", shown = null, toggled = null, named = false, why = () => "", title = panel.title || panel.y.label } = {}) => {
   if (panel.rows) return rowChart(panel, width, title);
   if (panel.note || !panel.series.some((s) => s.x.length || s.crosses.length)) return empty(panel.note || "Nothing was measured here.");
   const front = shown || (panel.fore ? new Set(panel.fore) : leaders(scenario));

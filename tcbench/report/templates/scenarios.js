@@ -1,6 +1,16 @@
 // Scenarios, one at a time: what it is, the player, losses in time, its tables; and one method on it.
-const OF_SCENARIO = { left: "left", right: "right", loss: "loss", span: "span", step: "step", rank: "by", error: "show", fixed: "fixed", minus: "minus" };
-const chosenIn = choosing(OF_SCENARIO, { methods: null, left: null, right: null, loss: null, span: "opening", fixed: "", minus: "" });
+// the largest step from which on every finer rung is as good as asked, between two rungs; null where not even the finest
+const stepFor = (rungs, column, most) => {
+  const fine = rungs.filter((r) => r.control === "dt").sort((a, b) => a.value - b.value), off = (r) => (r.status !== "ok" ? Infinity : r[column] ?? (10 * r.reference_floor || 0));  // what the reference hides is small
+  const bad = fine.findIndex((r) => !(off(r) <= most)), last = fine[(bad < 0 ? fine.length : bad) - 1], next = fine[bad];
+  if (!fine.length) return undefined;
+  if (!last) return null;
+  const share = next && Number.isFinite(off(next)) && off(last) > 0 ? Math.log(most / off(last)) / Math.log(off(next) / off(last)) : 0;
+  return last.value * (next ? next.value / last.value : 1) ** share;
+};
+const TOLERATED = ["0.1", "0.01", "0.001", "0.0001"];
+const OF_SCENARIO = { left: "left", right: "right", loss: "loss", span: "span", step: "step", rank: "by", error: "show", fixed: "fixed", minus: "minus", off: "off" };
+const chosenIn = choosing(OF_SCENARIO, { methods: null, left: null, right: null, loss: null, span: "opening", fixed: "", minus: "", off: "0.01" });
 
 const MOST_VALUES = 6;  // of an array; of a larger one its size and the range of its numbers
 const value = (v) => {
@@ -102,6 +112,8 @@ const DEFINED = {
 const ranking = (name, wanted, work) => {
   const steps = unique(work.filter((r) => r.control === "dt").map((r) => r.value)).sort((a, b) => b - a), root = el("div", {});
   chosenIn.step = steps.find((h) => +chosenIn.step && Math.abs(h / chosenIn.step - 1) < 0.2) || steps[0];
+  const measure = ["error_theta", "error"].find((c) => work.some((r) => known(r[c]))), rungs = grouped(work, "integrator");
+  const needed = (m) => (measure && rungs.has(m) ? stepFor(rungs.get(m), measure, +chosenIn.off) : undefined);
   const cells = (key) => page.lenses.find((l) => l.key === key)?.cells || {};
   const draw = () => {
     const at = Object.fromEntries(work.filter((r) => r.control === "dt" && Math.abs(r.value / chosenIn.step - 1) < 1e-6).map((r) => [r.integrator, r]));
@@ -112,6 +124,7 @@ const ranking = (name, wanted, work) => {
       ...["0.001", "1e-06", "1e-09"].map((t) => [`time ${t}`, `to ${power(Math.round(Math.log10(+t)))}`, DEFINED.time, timed(`time ${t}`), seconds]),
       ["theta", "θ error", `at ${h}: ${DEFINED.theta}`, wrong("error_theta"), (v) => percent(v)], ["produced", "S error", `at ${h}: ${DEFINED.produced}`, wrong("error_entropy_produced"), (v) => percent(v)],
       ["state", "state error", `at ${h}: ${DEFINED.state}`, wrong("error"), (v) => percent(v)],
+      ["needed", `h for ${percent(+chosenIn.off)}`, `the largest step with which the ${measure === "error" ? "state" : "temperatures"} at the end of the run ${measure === "error" ? "is" : "are"} off by no more than ${percent(+chosenIn.off)}, and with every finer one, between two steps`, (m) => { const v = needed(m); return known(v) ? -v : v; }, (v) => number(-v, 2)],
       ["stable", "stable up to h", DEFINED.stable, (m) => { const v = cells("step")[m]?.[name]; return Array.isArray(v) ? -1e9 : known(v) ? -v : v; }, (v) => (v === -1e9 ? `> ${number(cells("step")[Object.keys(cells("step")).find((m) => Array.isArray(cells("step")[m][name]))][name][1], 2)}` : number(-v, 2))],
       ["failed", "ended badly", DEFINED.failed, (m) => Object.values(page.failures[m]?.[name]?.[3] || {}).reduce((a, b) => a + b, 0), (v, m) => (v ? marked(page.failures[m][name][3]) : "0")],
     ].filter(([key, , , get]) => page.methods.some((m) => known(get(m.name))) && (key !== "failed" || page.methods.some((m) => get(m.name) > 0)));
@@ -123,6 +136,7 @@ const ranking = (name, wanted, work) => {
     const best = Object.fromEntries(columns.map((c) => [c[0], Math.min(...there.map((m) => c[3](m.name)).filter(known))]));
     root.replaceChildren(
       el("div", { class: "tools" }, steps.length ? select("errors at step", steps.map((s) => [String(s), number(s)]), String(chosenIn.step), (v) => { chosenIn.step = +v; draw(); }) : "",
+        steps.length ? select("step for an error of", TOLERATED.map((t) => [t, percent(+t)]), chosenIn.off, (v) => { chosenIn.off = v; draw(); }) : "",
         el("span", { class: "soft" }, "– not reached or failed; … stopped early; blank: not measured. A heading sorts."),
         again(`tcbench run -s ${word(name)} -o mine`, "tcbench report mine")),
       el("div", { class: "scroll ranking", tabindex: 0 }, el("table", { class: "simple rank" },
@@ -195,4 +209,26 @@ const scenarios = async (place) => {
     el("section", { id: "scenario-tables" }));
   if (runs.length) { perform(place.method); await losses(name, runs, charts); }
   await listings($("scenario-tables"), "Its tables", { scenario: name });
+};
+
+// which scenario a problem of one's own is like, by what was measured: the step that methods endure, and what a coarse one gets wrong
+const COARSE = 0.08;  // median error of the temperatures at the coarsest step, above which heat flows within one: 0.045 to 0.055 with slow conduction, 0.09 with fast
+const middle = (values) => values.sort((a, b) => a - b)[values.length >> 1];
+const traits = (s) => {
+  const of = (key) => Object.entries(page.lenses.find((l) => l.key === key)?.cells || {}).filter(([, row]) => known(row[s])).map(([m, row]) => [row[s], m]);
+  const [least, first] = of("step").sort((a, b) => a[0] - b[0])[0] || [], wrong = middle(of("coarse").map(([v]) => v)), own = scenes[s]?.dt;
+  const more = Object.values(page.dots[s] || {})[0]?.map(([law]) => law).filter((law) => !["energy", "entropy"].includes(law)) || [];
+  return { stiff: known(least) && !(least >= own), hot: wrong > COARSE, said: [
+    known(least) ? `the first method to fail, ${first}, fails above h = ${number(least, 2)}; its own step is ${number(own)}` : "no method has a limit of its step",
+    known(wrong) ? `at the coarsest step half of the methods are off by ${percent(wrong)} in the temperatures, or more` : "it has no temperatures to be wrong",
+    more.length ? `${more.map(words).join(", ")} kept besides energy` : "nothing but energy is kept"] };
+};
+const KINDS = [["Fast vibrations limit the step", true], ["The motion itself is the fastest thing", false]];
+const HEAT = [["and heat flows, or friction acts, within a step", true], ["and heat flows slowly, or not at all", false]];
+const likeView = async () => {
+  const all = page.scenarios.map((s) => ({ s, ...traits(s) })), branch = (text, inside, of) => !of.length ? null : el("details", { open: true }, el("summary", {}, el("strong", {}, text), ` (${of.length})`), inside);
+  $("like-page").replaceChildren(...KINDS.map(([text, stiff]) => [text, all.filter((t) => t.stiff === stiff)]).map(([text, of]) => branch(text,
+    HEAT.map(([more, hot]) => [more, of.filter((t) => t.hot === hot)]).map(([more, leaves]) => branch(more, leaves.map(({ s, said }) => el("section", { class: "pair" },
+      el("h3", {}, "Like ", el("a", { href: link({ scenario: s }) }, s), scenes[s] ? ` (${words(scenes[s].system)}${scenes[s].shows ? `: ${scenes[s].shows}` : ""})` : ""),
+      el("p", { class: "soft" }, `If: ${said.join("; ")}.`), answered(s))), leaves)), of)).filter(Boolean));
 };

@@ -4,14 +4,9 @@ const dataTables = () => {
   library ||= unpack("library").then((text) => { document.head.append(el("script", {}, text)); });
   return library;
 };
-// text that begins as a formula does gets an apostrophe, as in the files of the run: no spreadsheet computes it
-const inert = (v) => (typeof v === "string" && /^(?:[=+@\t\r]|-.)/.test(v) ? `'${v}` : String(v));
-const quoted = (v) => (v === null || v === undefined ? "" : /[",\n\r]/.test(String(v)) ? `"${inert(v).replaceAll('"', '""')}"` : inert(v));
 const save = (found, chosen) => {
-  const names = Object.keys(found.columns).filter((c) => chosen.some((r) => r[c] !== undefined)), text = [names.map(quoted).join(","), ...chosen.map((r) => names.map((c) => quoted(r[c])).join(","))].join("\n");
-  const url = URL.createObjectURL(new Blob([`${text}\n`], { type: "text/csv" }));
-  el("a", { href: url, download: `${found.name}.csv` }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 10000);
+  const names = Object.keys(found.columns).filter((c) => chosen.some((r) => r[c] !== undefined));
+  download(`${found.name}.csv`, [asCSV(names, chosen.map((r) => names.map((c) => r[c])))], "text/csv");
 };
 const inCell = (v, kind) => (kind !== "display" || v === null ? v : typeof v === "number" ? number(v, 4) : typeof v === "boolean" ? (v ? "yes" : "no") : v);
 
