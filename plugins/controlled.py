@@ -14,12 +14,13 @@ import numpy as np
 
 from tcbench import Integrator, TcbenchError, family, hookimpl, stepper
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_kernels import array_kernel
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.once import once
 from tcbench.plugins import find_integrator
 
 from .tc_gauss import tc_gauss
-from .tc_gauss.formulas import kinks_of
+from .tc_gauss.formulas import kink_blocks, kinks_of
 from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
@@ -49,9 +50,10 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
 def kinks_in(system: Any):
     """z -> (what changes its sign where the rates of a system have a kink, how fast each of them changes, the rates);
     None where they have none."""
-    kernel = None if system.large else kinks_kernel(system.symbolic)
+    kernel = kinks_kernel(system.by_arrays if system.large else system.symbolic)
     if not kernel:
         return None
+    kernel = kernel.kernel(system.mesh) if system.large else kernel
     n, c = (kernel.size - system.size) // 2, system.constant_values
     return lambda z: np.split(kernel(np.ascontiguousarray(z, dtype=float), c), [n, 2 * n])
 
@@ -60,9 +62,14 @@ def kinks_in(system: Any):
 def kinks_kernel(symbolic: Any):
     with trace.tracing():
         z = symbolic.unknowns("z")
-        rates = entries(symbolic.vector_field(z))
-        found = kinks_of(rates, entries(z))
-        return symbolic.compiled([z], [*found, *rates]) if found else None
+        rates = symbolic.vector_field(z)
+        found = kinks_of(entries(rates), entries(z))
+        if not found:
+            return None
+        if not symbolic.by_array:
+            return symbolic.compiled([z], [*found, rates])
+        into = {"a": symbolic.blocks(z), "b": symbolic.constant_blocks()}
+        return array_kernel(into, [*kink_blocks(found), *symbolic.blocks(rates)])
 
 
 def turn(before: Any, after: Any, h: float) -> bool:

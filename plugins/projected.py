@@ -3,8 +3,9 @@
 After each step (of an adaptive solver: at each output time) the result is moved to a nearby state with the energy and
 the invariants of the start of the run and no less entropy than before the step: along their gradients
 (tcbench/solver/mending.py), each variable in proportion to its change in the step. The move is as small as the error of
-one step, so the order is kept. Where no such state is near, as at steps at which the method alone fails, the step
-fails.
+one step, so the order is kept. What an adaptive solver misses at an output is of all its steps up to there: each
+variable is moved in proportion to its size. Where no such state is near, as at steps at which the method alone fails,
+the step fails.
 
 `projected[method=NAME]` wraps any registered method, peers included. The default is verlet_heat4: explicit, of order
 four, and with the projection thermodynamically consistent.
@@ -57,25 +58,41 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
     """z1 = z0 moved once towards the laws; explicit. The step began at `start`, the run at `first`."""
-    moved, entropy = z0 - start, system.entropy(start)
+    moved = z0 - start
+    weights = by_variable(system, moved, moved) + STILL * squares(system, z0)
+    return z1 - z0 - move(system, z0, start, first, weights)
+
+
+def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
+    """The same of a solver's output, the one before being `start`."""
+    return z1 - z0 - move(system, z0, start, first, squares(system, z0))
+
+
+def move(system: System, z: Any, start: Any, first: Any, weights: Any) -> Any:
+    """From z to the laws of `first`, and the entropy of `start` at least, to first order."""
+    entropy = system.entropy(start)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
-    misses = [target - f for target, f in zip(wanted, laws(system, z0), strict=True)]
-    least = system.least_of(z0)
-    weights = by_variable(system, moved, moved) + STILL * (least * least + by_variable(system, z0, z0))
-    return z1 - z0 - shortest_move(system, misses, gradients(system, z0), weights, at_least=True)
+    misses = [target - f for target, f in zip(wanted, laws(system, z), strict=True)]
+    return shortest_move(system, misses, gradients(system, z), weights, at_least=True)
+
+
+def squares(system: System, z: Any) -> Any:
+    """Of the sizes of a state's variables, each at least its least one."""
+    least = system.least_of(z)
+    return least * least + by_variable(system, z, z)
 
 
 PROJECTION = Flow(projection, of_step=True, most=MOVES)
 
 
-def onto_laws(system: System, start: Any, end: Any, first: Any = None) -> Any:
-    """The end of a step, projected; NaN where no state near it has the laws."""
+def onto_laws(system: System, start: Any, end: Any, first: Any = None, by: Callable[..., Any] = projection) -> Any:
+    """The end of a step, or an output, projected; NaN where no state near it has the laws."""
     first = start if first is None else first
     wanted, entropy, left = system.observe(first), system.observe(start)[ENTROPY], np.inf
     least = system.least_sizes[1]
     allowed = LAWFUL * (least + np.abs(wanted[: len(least)]))
     for _ in range(MOVES):
-        end = end + apply_explicit(projection, system, start, end, first)
+        end = end + apply_explicit(by, system, start, end, first)
         before, left = left, missed(system.observe(end), wanted, entropy, allowed)
         if left <= 1.0 or not left < SHRUNK * before:
             break
@@ -98,7 +115,7 @@ def _mended(states: Iterable[Any], system: System, z0: Any) -> Iterator[Any]:
     first = last = np.asarray(z0, dtype=float)
     yield first
     for state in itertools.islice(states, 1, None):
-        last = onto_laws(system, last, np.asarray(state, dtype=float), first)
+        last = onto_laws(system, last, np.asarray(state, dtype=float), first, projection_of_output)
         yield last
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.array_mesh import Block, alone
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.kernels import WIDTH, Kernel, constant_part, kernel, placed
 from tcbench.compiler.language import PLAIN
@@ -113,6 +114,11 @@ def kinks_of(rates: list[Any], variables: list[Any]) -> list[Any]:
     found = [x.args[0] if x.op == "abs" else x.args[0] - x.args[1] for x in nodes if x.op in ("abs", "max", "min")]
     found = [x for x in dict.fromkeys(found) if trace.depends_on([x], variables)]
     return [*found, *trace.along(found, dict(zip(variables, map(trace.lifted, rates), strict=True)))]
+
+
+def kink_blocks(kinks: list[Any]) -> list[Block]:
+    """The same of arrays over spaces: each over the space of what changes its sign, as its slope may be one for all."""
+    return alone(kinks, kinks[: len(kinks) // 2] * 2)
 
 
 def iterated(system: Any) -> list[tuple[list[Any], list[Any]]]:

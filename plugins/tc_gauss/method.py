@@ -162,6 +162,7 @@ class ArrayFormulas(NamedTuple):
     kernels: list[ArrayKernel]  # by NAMES
     carried: list[Block]
     projected: list[Block]
+    kinks: list[Block]
     matrix: ArrayKernel
     unknowns: list[Block]  # of the matrix: those of a state, then shared numbers
     terms: list[tuple[int, Term]]  # its entries: of which row
@@ -175,14 +176,15 @@ def array_formulas(net: Any) -> ArrayFormulas:
         parts = parts_of(net, z, K)
         y, start, motion, slopes, means = lists_of(parts)
         at_node, carried, projected = [*net.blocks(K), *net.blocks(z)], alone(y), alone(means)
+        kinks = formulas.kink_blocks(formulas.kinks_of(entries(net.vector_field(z)), entries(z)))
         bodies = [
-            (net.blocks(z), [*net.blocks(started(net, z)), *alone(start, y)]),
+            (net.blocks(z), [*net.blocks(started(net, z)), *alone(start, y), *kinks]),
             (at_node, alone(motion, y)),
             (carried, alone(slopes, means)),
             ([*at_node, *projected], net.blocks(rates_of(net, z, parts))),
         ]
         made = [array_kernel({"a": inputs, "b": net.constant_blocks()}, outputs) for inputs, outputs in bodies]
-        return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, *_matrix(net, z, K))
+        return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, kinks, *_matrix(net, z, K))
 
 
 def _matrix(net: Any, z: Any, K: Any) -> tuple[ArrayKernel, list[Block], list[tuple[int, Term]]]:
@@ -204,10 +206,10 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     matrix, places = sparse(size, there.rows, there.columns, mesh.offsets(made.unknowns)[-1], n_factors)
     entries_at = there.places(places, matrix.n_values)
     to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1).address
-    carried, projected = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected))
+    carried, projected, kinks = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected, made.kinks))
     return {
-        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive", "n_kinks"), 0),
-        **dict.fromkeys(("e", "m", "n_matrix"), size), "sparse": matrix,
+        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive"), 0),
+        **dict.fromkeys(("e", "m", "n_matrix"), size), "sparse": matrix, "n_kinks": kinks,
         "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,

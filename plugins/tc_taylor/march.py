@@ -26,15 +26,17 @@ SHRINK, SHORTEST = 0.5, 1e-14  # of a step that ends in no admissible state; of 
 # gaps, or is the tail of something narrow far away), and where it is long beside the run: at places 1/LOOKS of the run
 # from each other at most, or RADII of the last terms' ratio, if those are no more than MOST_LOOKS.
 AGREED, AGREED_AT_LEAST = 60.0, 1e-11
-GROWN, SHRUNK, LEAST_FALL = 1.3, 1.6, 0.02
+GROWN, SHRUNK, LEAST_FALL, FALL = 1.3, 1.6, 0.02, 0.5
 LOOKS, FEW, RADII, MOST_LOOKS = 33.3, 3.0, 2.0, 64.0
+MOST_DECAY = 2.0  # orders: decay times of a step, of order 10, up to which no later term is above 16 times the last
 NEAR, OUT, INSIDE = 0.15, 2.6, 0.381966  # the first look at a step, and how much farther each next one is
 MOST_HELD = 10  # steps in a kink, each longer than the last
 MOVED = 200.0  # tolerances of a step, by which mending may move where it ends
 BEFORE_KINK = 0.98  # of a step to a kink: behind it the rates are others
 HOPELESS, MOST_HOPELESS = 1e-9, 500  # steps so short, over the time, and how many in a row: it would take 1e9 of them
 # A step ends behind a kink: by so much, over the time, that round-off leaves it there, and by up to a tolerance of its
-# length, if what that misses is no more than a tolerance, so that a root which all but turned at 0 has turned.
+# length, if what that misses is no more than a tolerance, so that a root which all but turned at 0 has turned. To first
+# order the rates behind it make up for what is missed: a thousand kinks of a ball that comes to rest would miss as many.
 BEHIND_KINK, CLOSER_TO_KINK = 3e-14, 0.125
 CLOSER = 1e-3  # part of a length to which the end of what is right is found
 LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order
@@ -70,9 +72,11 @@ def onto_laws(w: Work) -> bool:
 
 
 def mended_end(w: Work, tolerance: float) -> bool:
-    """The state in `end`, mended; False, too, where that moves it by much more than a step may miss: what the laws miss
-    by little may be made up for by much of a variable on which they hardly depend."""
+    """The state in `end`, mended; of any system False, too, where that moves it by much more than a step may miss: what
+    the laws miss by little may be made up for by much of a variable on which they hardly depend. Elements have heat."""
     copy_into(w.target[0 : w.size], w.end[0 : w.size])
+    if w.of_elements:
+        return mended_elements(w)
     good, limit = onto_laws(w), MOVED * max(tolerance, AGREED_AT_LEAST) * MOVED * max(tolerance, AGREED_AT_LEAST)
     for i in range(w.size):
         y, move = w.end[i], w.mended[i] - w.end[i]
@@ -218,14 +222,13 @@ def advance(
             good = here >= 0
         mended = True
         if good and here < len(times):
-            w.length[0] = h
-            call(w.to_end if c.checked else w.to_state, w.coefficients, w.length, w.end)
             leaves = w.counts.steps + 1 >= end and w.few * h < c.final - (c.t + h)
             mended = leaves or (h > most and c.long + 1 == patience) or c.since + 1 >= c.often
             if mended:
+                reach(w, h, w.end)
                 good = mended_end(w, tolerance)
             else:  # whether it is admissible shows when a later one is mended
-                copy_into(w.mended[0 : w.size], w.end[0 : w.size])
+                reach(w, h, w.mended)
         fresh = good or c.since > 0
         if good:
             c.last_t, c.last_row, c.last_since, c.h = c.t, c.row, c.since, h
@@ -253,6 +256,7 @@ def next_length(w: Work, tolerance: float) -> float:
     """Of the step from where the run is, its series made; or, where the last step may have ended beside the truth, of
     one in its place that is looked at. 0: there is none."""
     c, first = w.course, (w.order + 1) * w.size
+    copy_into(w.last, w.coefficients[0 : w.size])
     call(w.to_series, w.mended, w.given, w.coefficients)
     h = step_length(w, tolerance)
     wrong = SHRUNK * h < c.own and not c.checked
@@ -268,11 +272,11 @@ def next_length(w: Work, tolerance: float) -> float:
         c.kept_t, c.kept_row, c.kept_entropy = c.t, c.row, w.target[w.size + 1]
     c.last_entropy = w.target[w.size + 1]
     before, last, own = w.coefficients[first], h * h * w.coefficients[first + 1], h
-    blank = not (last < before and last > LEAST_FALL * LEAST_FALL * before)
+    blank = not (last < before and last > LEAST_FALL * LEAST_FALL * before) and not is_witness(w, h)
     c.checked = h > GROWN * c.own and not wrong
     if blank or wrong or h > FEW * c.gap or c.t + h >= c.final:
         h = looked_at(w, h, INSIDE if wrong else NEAR if blank else 1.0, tolerance)
-    c.own = h if h == own and not wrong else 0.0
+    c.own, c.behind = h if h == own and not wrong else 0.0, 0.0
     if w.reach > 0.0 and c.own > 0.0:
         h = damping.lengthened(w, h, tolerance)
         c.own = h if h == own else 0.0
@@ -282,10 +286,27 @@ def next_length(w: Work, tolerance: float) -> float:
     return h
 
 
+@rare
+def is_witness(w: Work, h: float) -> bool:
+    """Do the last two terms of a step fall beside the two before them, as a function's do, or are they a decay's, whose
+    signs alternate?"""
+    square, earlier, first, sizes = h * h, 0.0, (w.order - 3) * w.size, (w.order + 1) * w.size
+    before, last = w.coefficients[sizes], square * w.coefficients[sizes + 1]
+    if last >= before and w.reach > 0.0:
+        decays = damping.decay(w) * h
+        if decays > 0.0 and decays < MOST_DECAY * w.order:
+            return True
+    for i in range(w.size):
+        y, a, b = w.coefficients[i], w.coefficients[first + i], w.coefficients[first + w.size + i]
+        earlier += (a * a + square * b * b) / (w.least[i] + w.share[i] * y * y)
+    later = square * square * (before + last)
+    return later < FALL * FALL * earlier and later > LEAST_FALL**4 * earlier
+
+
 def go_back(w: Work) -> None:
     """To where the last step began."""
     c = w.course
-    copy_into(w.mended, w.last)
+    copy_into(w.mended[0 : w.size], w.last)
     w.target[w.size + 1] = c.last_entropy
     c.t, c.row, c.since, c.long = c.last_t, c.last_row, c.last_since, 0
     w.counts.steps -= 1
@@ -304,18 +325,38 @@ def to_kink(w: Work, h: float, tolerance: float) -> float:
         behind, least = tolerance * h, BEHIND_KINK * max(c.unit, abs(c.t))
         while behind > least and not right_at(w, h + behind, behind, tolerance / AGREED):
             behind *= CLOSER_TO_KINK
-        h = min(h + max(behind, least), whole)
+        kink, h = h, min(h + max(behind, least), whole)
+        c.behind = h - kink
         c.own = 0.0  # behind it the rates are others
     c.held = c.held + 1 if h < kinks.SHORT * min(whole, max(c.longest, c.gap)) else 0
     c.longest = max(c.longest, h)
     return h if c.held < kinks.MOST + w.n_kinks else 0.0
 
 
+def reach(w: Work, h: float, state: Floats) -> None:
+    """The end of a step of h; in `end` with slopes, too, where these are to be checked."""
+    w.length[0] = h
+    if w.course.checked or w.course.behind > 0.0:
+        turn(w, state)
+    else:
+        call(w.to_state, w.coefficients, w.length, state)
+
+
+@rare
+def turn(w: Work, state: Floats) -> None:
+    """The same by `end`; behind a kink with the rates that it has from there on."""
+    call(w.to_end, w.coefficients, w.length, w.end)
+    if w.course.behind > 0.0:
+        call(w.to_rates, w.end, w.given, w.rates)
+        for i in range(w.size):
+            w.end[i] += w.course.behind * (w.rates[w.size + i] - w.end[w.size + BESIDE + i])
+    copy_into(state[0 : w.size], w.end[0 : w.size])
+
+
 def outputs(w: Work, h: float, times: Floats, tolerance: float, states: Matrix) -> int:
     """States at the times within a step; the row behind them, or -1: one is not admissible."""
     c = w.course
     here, n, end = c.row, len(times), c.t + h
-    copy_into(w.last, w.mended)
     while here < n and times[here] <= end:
         if h > c.gap and (here + 1 == n or times[here + 1] > end):
             w.length[0] = times[here] - c.t
@@ -327,7 +368,6 @@ def outputs(w: Work, h: float, times: Floats, tolerance: float, states: Matrix) 
         here += 1
         if not good:
             return -1
-    copy_into(w.mended, w.last)
     return here
 
 

@@ -29,6 +29,7 @@ class Course(Record, mutable=True):
     t: float
     h: float  # the last step
     own: float  # the same, if it is as long as its series, else 0
+    behind: float  # how far a kink it ends
     row: int  # the next output
     since: int  # steps since a mended state
     often: int  # how many of these at most
@@ -84,7 +85,7 @@ class Work(Record):
     # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
     mended: Floats = sized("size + 2")
     kept: Floats = sized("size + 2")  # the last of these that a step began from
-    last: Floats = sized("size + 2")  # that which the last step began from
+    last: Floats = sized("size")  # the state that the last step began from
     end: Floats = sized("2 * size + 2")  # the end of a step or a place in it: the state there, and slopes
     rates: Floats = sized("2 * size")  # and the rates that the formulas give there
     watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.looks`

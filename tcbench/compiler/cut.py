@@ -21,6 +21,7 @@ class Cut:
 
     def __init__(self, f: Symbol, x: Sequence[Symbol]) -> None:
         self.x = list(x)
+        f = with_squares(f)
         degree = degrees([f], self.x)
         cut = {f.number: f} if degree[f.number] <= 2 else {}
         if not cut:
@@ -56,6 +57,18 @@ class Cut:
         work = [total("add", w * y, y.space) for w, y in zip(held, self.inner, strict=True)]
         found = gradient(sum(work, trace.const(0.0)), self.x)
         return trace.substitute(found, dict(zip([*self.x, *held], [*z, *slopes], strict=True)))
+
+
+def with_squares(f: Symbol) -> Symbol:
+    """f with the root of a sum of squares in the place of each hypot: the sum is an invariant where its terms are not."""
+    roots: dict[Symbol, Symbol] = {}
+    squares: dict[Symbol, Symbol] = {}
+    for node in trace.topological([f]):
+        if node.op == "hypot":
+            terms = zip(node.args, trace.substitute(node.args, roots), strict=True)
+            squares[node] = trace.add(*(squares.get(a, trace.mul(x, x)) for a, x in terms))
+            roots[node] = squares[node].sqrt()
+    return trace.substitute([f], roots)[0] if roots else f
 
 
 def degrees(outputs: Sequence[Symbol], x: Sequence[Symbol], known: dict[int, float] | None = None) -> dict[int, float]:

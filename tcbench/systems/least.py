@@ -55,7 +55,7 @@ def exergy_at(model: System, z0: Floats) -> float:
     return abs(found) if abs(found) >= NO_SCALE * terms else terms
 
 
-def measured(model: System, z0: Floats | None) -> tuple[Floats, Floats]:
+def measured(model: System, z0: Floats | None, horizon: float = math.inf) -> tuple[Floats, Floats]:
     """Of each variable, of energy, entropy and, of elements, speeds; and of energy, entropy and each invariant. 1 where
     no start is known."""
     count, n_laws = len(model.variables), 2 + len(model.invariant_names)
@@ -71,6 +71,8 @@ def measured(model: System, z0: Floats | None) -> tuple[Floats, Floats]:
     elif not usual:  # is the energy small, or next to rest?
         energy = max(energy, energy_terms(model, z0))
         far = _moved(model, z0, energy, unusual=True)
+    if (far > LARGE).any():  # where the energy is flat, or the hill that stops a motion is far away
+        far = np.where(far > LARGE, np.minimum(far, _reached(model, z0, far, horizon)), far)
     values, laws = _laws(model, z0, far, n_laws)
     laws[E] = energy
     cancelled = np.abs(values) < CANCELLED * laws
@@ -164,6 +166,21 @@ def _moved(model: System, z0: Floats, energy: float, unusual: bool = False) -> F
     with np.errstate(divide="ignore"):
         far = np.minimum(length * (energy / first), length * np.sqrt(energy / second))
     return np.where(np.maximum(first, second) >= SEEN * energy, far, largest)
+
+
+def _reached(model: System, z0: Floats, far: Floats, horizon: float) -> Floats:
+    """How far each variable may come in the run, by its rate at the start and with each other one moved by its size."""
+    places = [(a, b) for a, b, _ in model.layout.values()]
+    moves = far[:, None] * _ways(tuple(places))
+    with np.errstate(all="ignore"):
+        here = np.abs(model.vector_field(z0))
+        rates = [np.abs(model.vector_field(z0 + move)) for move in moves]
+    found = []
+    for i, (a, b) in enumerate(places):
+        others = [here, *(rate for j, rate in enumerate(rates) if j != i)]
+        fastest = max((x for rate in others for x in rate[a:b] if x < np.inf), default=0.0)
+        found.append(horizon * fastest if fastest > 0.0 else np.inf)
+    return np.array(found)
 
 
 def _changes(model: System, z0: Floats, length: Floats, ways: Floats) -> tuple[Floats, Floats]:

@@ -25,12 +25,13 @@ class LeastSizes(OverSpaces):
     """A system that knows where its runs begin, and by what their numbers are measured at least."""
 
     begins: NDArray[np.float64] | None = None  # of an instance: z of the scenario that it belongs to
+    horizon: float = np.inf  # and its time
 
-    def begin(self, z0: NDArray[np.float64]) -> None:
-        """Runs of it begin here, as a scenario knows."""
+    def begin(self, z0: NDArray[np.float64], horizon: float = np.inf) -> None:
+        """Runs of it begin here and take so long, as a scenario knows."""
         for name in ("least", "least_sizes", "least_each", "unit_sizes", "constant_values"):
             self.__dict__.pop(name, None)
-        self.__dict__["begins"] = z0
+        self.__dict__["begins"], self.__dict__["horizon"] = z0, horizon
 
     @property
     def least_energy(self) -> Any:
@@ -56,7 +57,7 @@ class LeastSizes(OverSpaces):
     def least_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The same, shape (n_variables + 3,), and those of energy, entropy and invariants, shape (2 + n_invariants,); 1
         for all where no run is known to begin."""
-        return measured(cast("System", self), self.begins)
+        return measured(cast("System", self), self.begins, self.horizon)
 
     def least_of(self, z: Any) -> Any:
         """For each number of a state the least size of its variable."""

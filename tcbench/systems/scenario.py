@@ -136,7 +136,7 @@ class Scenario:
             if str(error).startswith(f"{self.system.__name__}:"):  # of the class, whatever the scenario
                 raise
             raise TcbenchError(f"Scenario {self.name!r}: {error}") from None
-        self.model.begin(fixed(z0))
+        self.model.begin(fixed(z0), self.t_end)
         return z0
 
     @property

@@ -5,9 +5,11 @@ Truth has closed forms, or comes from SciPy with steps that no feature is shorte
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import tcbench
 from tcbench import Scenario, System
+from tcbench.systems.right_hand_side import Field
 
 METHODS = ("tc_taylor", "tc_auto")
 ALLOWED = 100.0  # tolerances, times what the motion makes of them
@@ -129,3 +131,155 @@ def test_a_step_backwards_undoes_a_step():
     step = tcbench.stepper("tc_taylor[order=8]", scenario.model)
     there = step(scenario.z0, 0.05)
     assert np.abs(step(there, -0.05) - scenario.z0).max() < 1e-11
+
+
+class Notch(Moving):
+    """A force k on one side and k width on the other: the motion comes to rest in ever shorter arcs."""
+
+    def potential(self, q):
+        u = q - self.at
+        return self.k * ((1.0 + self.width) * abs(u) + (1.0 - self.width) * u) / 2
+
+
+def at_rest_in_notch(k, at, width, c, left):
+    """(q, p) at that time, from q = at + 0.5 at rest, arc by arc."""
+    u, p, side = 0.5, 0.0, 1.0
+    while True:
+        drift = k / c if side > 0.0 else -k * width / c
+
+        def place(x, u=u, p=p, drift=drift):
+            return u - (p + drift) * np.expm1(-c * x) / c - drift * x
+
+        arc = left
+        if side * place(left) < 0.0:
+            arc = brentq(place, 0.0 if u else abs(p / (c * drift)), left, xtol=1e-300, rtol=1e-15)
+        p, place_then = (p + drift) * np.exp(-c * arc) - drift, place(arc)
+        if arc == left:
+            return at + place_then, p
+        u, left, side = 0.0, left - arc, -side
+
+
+@pytest.mark.parametrize(
+    ("k", "at", "width", "c"),
+    [(1.15, 1.46, 1.0, 1.0), (1.0, 0.0, 0.4, 0.5), (3.0, -0.7, 1.0, 0.8), (0.3, 0.2, 2.0, 0.9), (20.0, 0.1, 0.7, 0.3)],
+)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
+def test_hundreds_of_kinks_in_ever_shorter_arcs_miss_no_more_than_one(k, at, width, c, tolerance):
+    """A step ended up to a tolerance behind its kink, with the force of before: the phase missed 250 tolerances."""
+    constants, t_end = {"k": k, "at": at, "width": width, "c": c}, 8.0
+    scenario = Scenario("notch", Notch, constants, initial={"q": at + 0.5, "p": 0.0, "s": 0.0}, t_end=t_end, dt=0.1)
+    run = tcbench.simulate("tc_taylor", scenario, tolerance=tolerance)
+    assert run.ok, run.failure
+    assert np.abs(run.z[-1, :2] - at_rest_in_notch(k, at, width, c, t_end)).max() < 10 * tolerance
+
+
+class Flat(Moving):
+    def potential(self, q):
+        return 1e-3 * q**self.N / self.N + self.k * q**self.M / self.M
+
+
+class Pulse(Moving):
+    """On a clock of its own."""
+
+    variables = {"q": (), "p": (), "tau": (), "g": (), "s": ()}
+
+    def energy(self, z):
+        pulse = np.exp(-(((z.tau - self.at) / self.width) ** 2))
+        return z.p**2 / 2 + z.q**2 / 8 - self.k * z.q * pulse + z.g + 300.0 * z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q, "tau": dE.g, "g": -dE.tau}
+
+
+def unseen(kind, k=1.0, at=0.0, width=1.0, c=0.0, t_end=10.0, **powers):
+    made = type(kind.__name__, (kind,), powers)
+    initial = {"q": 0.0, "p": 1.0, "s": 0.0} | ({"tau": 0.0, "g": 0.0} if kind is Pulse else {})
+    return Scenario("unseen", made, {"k": k, "at": at, "width": width, "c": c}, initial=initial, t_end=t_end,
+                    dt=t_end / 200)  # fmt: skip
+
+
+UNSEEN = [
+    unseen(Flat, 30.0, N=8, M=22, t_end=40.0), unseen(Flat, 3.0, N=6, M=16, t_end=25.0), unseen(Flat, N=10, M=30),
+    unseen(Gap), unseen(Lacunary, t_end=20.0), unseen(Hill, 0.3, 12.0, c=0.01, t_end=30.0),
+    unseen(Hill, 0.23, 55.0, 1.7, t_end=100.0), unseen(Front, 0.2, 60.0, 1.5, c=0.002, t_end=100.0),
+    unseen(Pulse, 2.0, 6.0, 0.3), unseen(Pulse, 1.0, 40.0, 1.0, t_end=50.0), unseen(Notch, 2.0, 0.3, c=0.3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("scenario", UNSEEN, ids=lambda s: f"{s.system.__name__} {s.t_end:g}")
+def test_the_projection_of_a_solver_errs_as_the_solver_does(scenario):
+    """Energy that was lost on all the way went into what moved since the last output, where the energy is flat: 656
+    tolerances, or no state near had it."""
+    exact = truth(scenario)
+    alone, moved = (
+        tcbench.simulate(name, scenario, tolerance=1e-6) for name in ("scipy_dop853", "projected[method=scipy_dop853]")
+    )
+    assert moved.ok, moved.failure
+    missed, with_laws = (np.abs(run.z - exact)[:, :2].max() for run in (alone, moved))
+    assert with_laws < 2 * missed + 1e-5
+    assert moved.summary.energy_error_max < 1e-11
+
+
+@pytest.mark.parametrize("scenario", UNSEEN[:-1], ids=lambda s: f"{s.system.__name__} {s.t_end:g}")
+def test_no_size_is_larger_than_what_a_run_moves_a_variable_by(scenario):
+    """Where the energy is flat a size was 8192, or that of a clock 4e34: tolerances and moves were measured by it."""
+    assert (scenario.model.least_each <= 2 * max(1.0, scenario.t_end)).all()
+
+
+class Row(System):
+    """Masses between springs that yield beyond a limit, `a` being what stays of it: rates have kinks."""
+
+    name = "yielding_row"
+    variables = {"q": ("mass",), "p": ("mass",), "a": ("spring",), "s": ()}
+    tables = {"ends": ("spring", 2, "mass")}
+    constants = {"m": ("mass",), "k": (), "limit": (), "eta": ()}
+
+    def stretch(self, z):
+        left, right = z.q[self.ends].T
+        return right - left
+
+    def energy(self, z):
+        held = self.k / 2 * (self.stretch(z) - z.a) ** 2 + z.a**2 / 4
+        return (z.p**2 / self.m).sum() / 2 + held.sum() + (z.q**2).sum() / 8 + 2 * np.exp(z.s / 2)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        push, pull = -dE.a - self.limit, dE.a - self.limit
+        flow = (abs(push) + push - abs(pull) - pull) / (2 * self.eta)
+        return {"a": flow, "s": -(flow * dE.a).sum() / dE.s}
+
+
+class Closing(Row):
+    """Springs that push harder where they are closed: energies have kinks."""
+
+    def energy(self, z):
+        x, a = self.limit - self.stretch(z), z.a
+        held = self.k / 2 * self.stretch(z) ** 2 + 15 * ((abs(x) + x) / 2) ** 2 + a**2
+        return (z.p**2 / self.m).sum() / 2 + held.sum() + 2 * np.exp(z.s / 2)
+
+    def irreversible(self, z, dE, dS):
+        return {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "n", "k", "limit", "eta"),
+    [(Row, 14, 4.0, 0.5, 0.3), (Row, 30, 9.0, 0.3, 1.0), (Row, 5, 4.0, 0.4, 0.1), (Closing, 14, 1.0, -0.1, 1.0),
+     (Closing, 30, 2.0, 0.2, 1.0)],
+)  # fmt: skip
+@pytest.mark.parametrize("method", ["tc_gauss_adaptive", "controlled"])
+def test_kinks_over_spaces_are_seen(method, kind, n, k, limit, eta):
+    """Systems traced over their spaces had no kinks for collocation, which holds the defect between nodes only."""
+    i = np.arange(n)
+    constants = {"ends": np.stack([i[:-1], i[1:]], 1), "m": np.ones(n), "k": k, "limit": limit, "eta": eta}
+    initial = {"q": 0.5 * np.sin(1.3 * i + 0.2), "p": 0.5 * np.cos(2.1 * i), "a": np.zeros(n - 1), "s": 0.0}
+    scenario = Scenario("row", kind, constants, initial=initial, t_end=1.0, dt=0.05)
+    exact = solve_ivp(Field(scenario.model).rate, (0.0, 1.0), scenario.z0, "DOP853", max_step=2e-3, rtol=1e-10,
+                      atol=1e-10).y[:, -1]  # fmt: skip
+    run = tcbench.simulate(method, scenario, tolerance=1e-5)
+    assert run.ok, run.failure
+    assert np.abs(run.z[-1] - exact).max() < 1e-5
