@@ -36,7 +36,7 @@ BEFORE_KINK = 0.98  # of a step to a kink: behind it the rates are others
 HOPELESS, MOST_HOPELESS = 1e-9, 500  # steps so short, over the time, and how many in a row: it would take 1e9 of them
 # A step ends behind a kink: by so much, over the time, that round-off leaves it there, and by up to a tolerance of its
 # length, if what that misses is no more than a tolerance, so that a root which all but turned at 0 has turned. To first
-# order the rates behind it make up for what is missed: a thousand kinks of a ball that comes to rest would miss as many.
+# order the rates behind it make up for what is missed: the thousand kinks of a ball that comes to rest would add up.
 BEHIND_KINK, CLOSER_TO_KINK = 3e-14, 0.125
 CLOSER = 1e-3  # part of a length to which the end of what is right is found
 LEAST = 1e-290  # a squared size that has all its digits: it goes with the unit of time to the power of twice the order

@@ -60,7 +60,7 @@ class Cut:
 
 
 def with_squares(f: Symbol) -> Symbol:
-    """f with the root of a sum of squares in the place of each hypot: the sum is an invariant where its terms are not."""
+    """f with a root of a sum of squares in the place of each hypot: the sum is an invariant where its terms are not."""
     roots: dict[Symbol, Symbol] = {}
     squares: dict[Symbol, Symbol] = {}
     for node in trace.topological([f]):
