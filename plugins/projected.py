@@ -141,10 +141,12 @@ def project(method=VERLET_HEAT4.name):
 
 
 def methods(known):
-    """Those that a projection changes: not the ones that keep the energy already, nor those for one system only."""
+    """Those that a projection changes: not adaptive ones that keep the energy already, nor those for one system only.
+    Formulas that keep the energy may lose an invariant that is not quadratic."""
     others = (
         n for n, i in known.items()
-        if not i.memory and "energy" not in i.claims and not i.systems and i.family is not project
+        if not i.memory and not i.systems and i.family is not project
+        and ("energy" not in i.claims or (i.kind == "flows" and "projected" not in i.tags))
     )  # fmt: skip
     return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 

@@ -302,10 +302,10 @@ SLOW_FAILURES = 2  # so many failed runs as slow as that end the search
 def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
     """One row of `stable_tolerances`: the loosest tolerance of an adaptive solver at which, and at the next two tighter
     ones, a run does not fail (NaN if there is none down to 1e-8), and why the next looser one does."""
-    warm_up(integrator, scenario, [{"tolerance": TOLERANCES[0]}])
     held: list[float] = []
     failed, last, slow = math.nan, None, 0
     for tolerance in TOLERANCES:
+        warm_up(integrator, scenario, [{"tolerance": tolerance}])  # a first run's compiling is none of its time
         run = simulate(integrator, scenario, tolerance=tolerance)
         one, is_slow = outcome_of(run), shared_runs.work_s() > SLOW_S  # however busy the machine is
         if one.ok:

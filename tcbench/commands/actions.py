@@ -16,7 +16,7 @@ from .. import plugins
 from ..analysis.order_fit import MIN_POINTS
 from ..errors import LOUD, TcbenchError, unknown_name
 from ..progress import waiting
-from ..report.by_method import by_method, remarks, without_number
+from ..report.by_method import by_method, lost, remarks, without_number
 from ..report.pairs import pairs
 from ..report.summary import summary
 from ..runner.codec import csv_bytes
@@ -76,7 +76,8 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
     elif not quiet:
         found = results.tables
         declared = told(store)
-        terminal.print_results(results, by_method(found, declared), remarks(found), without_number(found), declared)
+        unseen = [*lost(found), *without_number(found)]
+        terminal.print_results(results, by_method(found, declared), remarks(found), unseen, declared)
         if page:
             terminal.say(f"Report: {page}")
     terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])

@@ -12,7 +12,7 @@ from ..chart import Tables
 from ..errors import LOUD
 from ..systems.energy_scale import HIDDEN
 from .page_data import methods, unmeasured
-from .pairs import ladder_runs, of_whole_state, pairs, times_over_best
+from .pairs import departed, ladder_runs, of_whole_state, pairs, times_over_best
 from .words import ABSENT, is_finite, share_of, some
 
 if TYPE_CHECKING:
@@ -103,8 +103,14 @@ def _step(step: Mapping[str, Any] | None) -> str:
 def remarks(tables: Tables) -> list[str]:
     """Sentences below the table: what failed, and what the paper's statements came to."""
     ladder = tables.get("conservation")
-    return [*_failed(tables), *_hidden(ladder), *_beyond(ladder), *_missing(tables), *without_number(tables),
+    return [*_failed(tables), *_hidden(ladder), *_beyond(ladder),
+            *lost(tables), *_missing(tables), *without_number(tables),
             *filter(None, [paper(tables.get("claims"))])]  # fmt: skip
+
+
+def lost(tables: Tables) -> list[str]:
+    """Of declared invariants that runs depart from."""
+    return [f"{text[0].upper()}{text[1:]}." for text in departed(tables)[:REASONS]]
 
 
 def _failed(tables: Tables) -> list[str]:

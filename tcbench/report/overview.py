@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..chart import Tables
 from . import marks
 from .page_data import Unmeasured, unmeasured
-from .pairs import TIMES, ladder_runs, laws, times_over_best
+from .pairs import TIMES, departed, ladder_runs, laws, times_over_best
 from .words import called, is_finite, listed, percent, power, rounded, seconds, some
 
 if TYPE_CHECKING:
@@ -213,6 +213,7 @@ def failing(found: DataFrame, tables: Tables) -> Finding | None:
     bad, counts = ladders[ladders["status"].ne("ok")], ladders["mark"].value_counts().to_dict()
     title, href, ended = "What fails", "#failures", f"all {len(ladders)} runs reached their end"
     fell = [f"the entropy fell in {n} of those that reached their end"] if (n := counts.pop("S", 0)) else []
+    fell += [text.partition(";")[0] for text in departed(tables)]
     if without and not len(bad):
         return Finding(title, _without(without), without[0].sentence, href, [ended, *fell] if len(ladders) else [])
     if not len(bad):

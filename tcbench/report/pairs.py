@@ -19,6 +19,7 @@ TIMES = {
     "time 0.001": ("error", 1e-3), "time 1e-06": ("error", 1e-6), "time 1e-09": ("error", 1e-9),
     "time energy 1e-12": ("energy_error_max", 1e-12),
 }  # fmt: skip
+DEPARTS = 1e-10  # over its size, by which a declared invariant may be off without a sentence
 LOOSE = 1e-3  # tolerances above it ask for so little that what a solver does with them is no failure
 NUMBERS = (*TIMES, "coarse", "produced", "energy", "step", "cost")  # columns that hold one number a pair
 
@@ -103,6 +104,34 @@ def law_columns(table: DataFrame) -> dict[str, str]:
     there = {law: claim_column(law) for law in ("energy", "entropy") if claim_column(law) in table}
     others = [c for c in invariant_columns(table.columns) if table[c].notna().any()]
     return there | {c.removesuffix(ERROR_MAX): c for c in others}
+
+
+def departed(tables: Tables) -> list[str]:
+    """Of each declared invariant that a run loses which ends well: how many do, and most which; and why a method does
+    that claims it."""
+    table, said = tables.get("conservation"), []
+    if table is None or "status" not in table:
+        return []
+    for law, name in law_columns(table).items():
+        values = to_numbers(table, name).where(table["status"].eq("ok"))
+        if law in ("energy", "entropy") or not (lost := values > DEPARTS).any():
+            continue
+        row = table.loc[values.idxmax()]
+        said.append(
+            f"{law.replace('_', ' ')} departs by more than {DEPARTS:g} in {lost.sum()} of {values.notna().sum()} runs "
+            f"that ended well, most by {values.max():.1g} ({row['integrator']} on {row['scenario']})"
+        )
+        if "invariants_lost" in table:
+            causes = (
+                table["invariants_lost"]
+                .dropna()
+                .astype(str)
+                .str.split(r"; (?=\w[\w ]* changes by )", regex=True)
+                .explode()
+            )
+            own = causes[causes.str.startswith(f"{law.replace('_', ' ')} changes")]
+            said[-1] += f"; of {table.loc[own.index[0], 'integrator']} {own.iloc[0]}" if len(own) else ""
+    return said
 
 
 def laws(found: DataFrame) -> list[str]:

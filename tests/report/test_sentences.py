@@ -14,7 +14,7 @@ import tcbench
 from tcbench.cli import main
 from tcbench.commands import terminal
 from tcbench.report import marks, overview, page_data, words
-from tcbench.report.by_method import by_method, claims, remarks
+from tcbench.report.by_method import by_method, claims, lost, remarks
 from tcbench.report.pairs import laws, pairs, times_over_best
 from tcbench.report.summary import claims_kept, summary
 from tcbench.runner.declared import method_facts
@@ -345,3 +345,20 @@ def test_one_name_has_one_unit():
     for name in ("energy_error_max", "energy_drift", "lyapunov_increment_max"):
         assert row[name] == getattr(run.summary, name)
     assert row["energy_error_max"] == np.abs(run.energy - run.energy[0]).max() / V0 and abs(V0 - 1) > 0.1
+
+
+def test_a_declared_invariant_that_a_run_departs_from_is_told_on_terminal_and_page():
+    """A charge's canonical momentum drifted by 3e-3 with all lines passing; round-off of other runs says nothing."""
+    why_a = "canonical changes by 1e-03 of its terms: why; x. T; spin changes by 1"
+    rows = pd.DataFrame([
+        {"integrator": m, "scenario": "charge", "dt": 0.1, "status": status, "energy_error_max": 1e-15,
+         "canonical_error_max": off, "spin_error_max": 1e-14, "invariants_lost": why}
+        for m, status, off, why in (("a", "ok", 3e-3, why_a),
+                                     ("b", "ok", 1e-14, None), ("c", "blowup", 1.0, None), ("d", "ok", 2e-9, None))
+    ])  # fmt: skip
+    (sentence,) = lost({"conservation": rows})
+    told = "Canonical departs by more than 1e-10 in 2 of 3 runs that ended well, most by 0.003 (a on charge)"
+    assert sentence == f"{told}; of a canonical changes by 1e-03 of its terms: why; x. T."
+    assert sentence in remarks({"conservation": rows})
+    assert any("canonical departs" in text for text in answers({"conservation": rows})["What fails"][2])
+    assert lost({"conservation": rows[rows["integrator"].eq("b")]}) == []
