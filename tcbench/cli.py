@@ -34,6 +34,9 @@ ROWS_OF_INTEGRATORS = many("integrator", "Rows of this integrator.")
 ROWS_OF_SCENARIOS = many("scenario", "Rows of this scenario.")
 
 
+METHODS_AND_SCENARIOS = completion("plugins:integrators", "plugins:scenarios")
+
+
 def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
     """What does a command with its options, "MODULE:FUNCTION" of `commands`; a number that it returns is the exit code.
 
@@ -115,7 +118,7 @@ def list_() -> None:
 
 
 @main.command()
-@click.argument("names", nargs=-1, metavar="INTEGRATOR SCENARIO")
+@click.argument("names", nargs=-1, metavar="INTEGRATOR SCENARIO", shell_complete=METHODS_AND_SCENARIOS)
 @one("integrator", "Instead of the first word.")
 @one("scenario", "Instead of the last word.")
 @click.option("--dt", type=float, help="Step; the scenario's own by default.")
@@ -137,7 +140,7 @@ def simulate() -> None:
 
 
 @main.command("map")
-@click.argument("names", nargs=-1, metavar="INTEGRATOR... SCENARIO")
+@click.argument("names", nargs=-1, metavar="INTEGRATOR... SCENARIO", shell_complete=METHODS_AND_SCENARIOS)
 @many("integrator", "Instead of the words before the last.")
 @many("scenario", "Instead of the last word.")
 @click.option("--x", required=True, metavar="AXIS", help="name=low:high:n[:log], as in dt=0.02:4:40:log.")
@@ -159,7 +162,7 @@ def map_() -> None:
 
 
 @main.command()
-@click.argument("names", nargs=-1, metavar="SCENARIO...")
+@click.argument("names", nargs=-1, metavar="SCENARIO...", shell_complete=completion("plugins:scenarios"))
 @many("scenario", "The same as a word.")
 @PLUGINS
 @done_by("actions:reference_command")
@@ -168,7 +171,7 @@ def reference() -> None:
 
 
 @main.command()
-@click.argument("names", nargs=-1, metavar="SCENARIO")
+@click.argument("names", nargs=-1, metavar="SCENARIO", shell_complete=completion("plugins:scenarios"))
 @one("scenario", "Instead of the word.")
 @click.option("--output", "-o", type=click.Path(path_type=Path, dir_okay=False), help="Write a data set, .npz or .mat.")
 @click.option(
@@ -236,7 +239,7 @@ def plot() -> None:
 
 
 @main.command()
-@click.argument("names", nargs=-1, metavar="INTEGRATOR... SCENARIO")
+@click.argument("names", nargs=-1, metavar="INTEGRATOR... SCENARIO", shell_complete=METHODS_AND_SCENARIOS)
 @many("integrator", "Instead of the words before the last.")
 @many("scenario", "Instead of the last word.")
 @click.option(

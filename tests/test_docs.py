@@ -139,6 +139,7 @@ def test_the_site_builds_without_a_warning(tmp_path):
         command, cwd=ROOT, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
     )
     assert done.returncode == 0, done.stderr
+    assert "tc_monolithic" in (tmp_path / "site" / "example" / "report.html").read_text()
     page, reference = (tmp_path / "site" / "api" / "index.html").read_text(), (ROOT / "docs" / "api.md").read_text()
     named = re.findall(r"^::: (\S+)$", reference, re.MULTILINE)
     assert len(named) > 20 and not [name for name in named if f'id="{name}"' not in page]

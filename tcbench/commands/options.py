@@ -21,11 +21,12 @@ PIPE_S, MOST_BYTES = 10.0, 1_000_000  # for which a pipe is waited for; of a fil
 LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
 
 
-def completion(place: str) -> Callable[..., list[str]]:
-    """Names for the shell's completion: what a function of tcbench, "MODULE:FUNCTION", has by name."""
+def completion(*places: str) -> Callable[..., list[str]]:
+    """Names for the shell's completion: what functions of tcbench, "MODULE:FUNCTION", have by name."""
 
     def names(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
-        return [name for name in pkgutil.resolve_name(f"tcbench.{place}")() if name.startswith(incomplete)]
+        every = (name for place in places for name in pkgutil.resolve_name(f"tcbench.{place}")())
+        return [name for name in every if name.startswith(incomplete)]
 
     return names
 

@@ -18,7 +18,7 @@ def history(folder: Path) -> dict[str, DataFrame]:
     bases = (folder.resolve(), *folder.resolve().parents[:3], Path.cwd())
     found = (base / place for base in bases for place in PLACES if (base / place / "benchmarks.json").is_file())
     table = next(map(read_history, found), ())
-    return {"history": table} if len(table) else {}  # type: ignore[dict-item]
+    return {"history": table} if len(table) else {}
 
 
 def read_history(results: Path) -> DataFrame:
