@@ -26,6 +26,7 @@ from ..errors import TraceError
 from ..integrator import Flow
 from ..systems import constrained
 from .first_values import measured_by, plain_start, sizes_of
+from .foresight import jacobian_fits
 from .formula import called, checked_rows, further, has_roots, numbered
 from .kernels_of_flow import FlowKernels
 from .pattern import Pattern
@@ -40,8 +41,10 @@ def _pattern(
     """Of the Jacobian; and for each term where its entries are. terms: each with the number of its row."""
     if not terms:
         raise TraceError(ZERO_PIVOT)
+    n = mesh.offsets(unknowns)[-1]
+    jacobian_fits(n, sum(mesh.size(term.over) for _, term in terms if not term.over.startswith("pairs ")))
     entries = scattered(mesh, unknowns, terms)
-    pattern = Pattern(mesh.offsets(unknowns)[-1], entries.rows, entries.columns)
+    pattern = Pattern(n, entries.rows, entries.columns)
     if len(np.setdiff1d(pattern.diagonal, pattern.places)):
         raise TraceError(ZERO_PIVOT)
     return pattern, entries.places(pattern.places, pattern.nnz + positive)

@@ -30,6 +30,7 @@ Floats = NDArray[np.float64]
 # these are the seconds for each square of theirs
 LOOPS = (3e-5, 5e-3)
 WHOLE = (8e-5, 0.14)
+TERM = 2e-5  # MB for each entry that the terms of a sparse Jacobian have, of which many are added up in one
 # seconds a step for each entry of a sparse Jacobian: assembly and solution, and incomplete factors, each entry of which
 # meets its row
 ENTRY, MEETING = 2.5e-8, 1e-9
@@ -67,20 +68,29 @@ def foreseen(system: System, copies: int, by_loops: bool) -> Iterator[None]:
     count = system.size * copies
     seconds, megabytes = (x * count for x in (LOOPS if by_loops else WHOLE))
     seconds *= 1 if by_loops else count
-    room, cure = memory(), "a smaller one is needed"
+    cure = "a smaller one is needed"
     if not by_loops:
         cure = "declare its spaces (docs/add-system.md): formulas are then traced on arrays"
-    if room is not None and megabytes > SPARE * room:
-        raise MachineError(
-            f"A {system.name} of {system.size} numbers needs about {_gigabytes(megabytes)} to be traced "
-            f"{'element by element' if by_loops else 'as a whole'}, and there are {_gigabytes(room)}: {cure}."
-        )
+    what = "to be traced " + ("element by element" if by_loops else "as a whole")
+    _fits(f"A {system.name} of {system.size} numbers", megabytes, what, cure)
     _affordable(f"Tracing a {system.name} of {system.size} numbers", seconds, cure)
     if seconds < SHORT:
         yield
         return
     with part(f"tracing {system.size} numbers {'in loops' if by_loops else 'as a whole'}, about {seconds:.0f} s"):
         yield
+
+
+def jacobian_fits(numbers: int, entries: int) -> None:
+    """MachineError where the terms of a sparse Jacobian, which have so many entries, do not fit into memory."""
+    cure = "a smaller system, or fewer points in each element, is needed"
+    _fits(f"A step of {numbers} unknowns", numbers * LOOPS[1] + entries * TERM, "for its Jacobian", cure)
+
+
+def _fits(who: str, megabytes: float, what: str, cure: str) -> None:
+    room = memory()
+    if room is not None and megabytes > SPARE * room:
+        raise MachineError(f"{who} needs about {_gigabytes(megabytes)} {what}, and there are {_gigabytes(room)}: {cure}.")
 
 
 def of_steps(system: System, each: float, steps: int) -> str:

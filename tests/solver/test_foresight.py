@@ -20,7 +20,7 @@ from tcbench.runner import plan as planning
 from tcbench.runner.worker import measure_cell
 from tcbench.simulation import python_loop
 from tcbench.simulation import run as run_module
-from tcbench.solver import foresight, implicit_step
+from tcbench.solver import array_flow, foresight, implicit_step
 
 
 def test_what_does_not_fit_into_memory_is_one_sentence(monkeypatch):
@@ -32,6 +32,17 @@ def test_what_does_not_fit_into_memory_is_one_sentence(monkeypatch):
     cure = r"as a whole, .* declare its spaces \(docs/add-system.md"
     with pytest.raises(MachineError, match=cure), foresight.foreseen(net(9, 8).model, 1, by_loops=False):
         pass
+
+
+def test_a_jacobian_of_many_terms_is_refused_before_it_is_made(monkeypatch):
+    """Eight points of a hexahedron have 1,093 terms, of which numbers of a state say nothing."""
+    solid = pytest.importorskip("tcbench_plugins.continua.solid").solid
+    pytest.importorskip("skfem")
+    scenario = solid(2, "hex")
+    monkeypatch.setattr(array_flow, "scattered", lambda *_: pytest.fail("it was made"))
+    monkeypatch.setattr(foresight, "memory", lambda: 5.0)
+    with pytest.raises(MachineError, match=r"unknowns needs about .* GiB for its Jacobian, and there are .* fewer points"):
+        tcbench.simulate("tc_monolithic", scenario, t_end=0.1)
 
 
 def test_a_long_trace_says_how_long_while_it_lasts():

@@ -52,6 +52,27 @@ def test_large_steps(h):
     assert run.ok and missed(run) < 1e-14 and run.summary.energy_error_max < 1e-13
 
 
+@pytest.mark.parametrize("times", [20, 50])
+def test_steps_of_many_times_the_explicit_limit(times):
+    """On the imaginary axis peers of order 4 are stable up to 2.8 / |lambda| of the ODE under the constraints."""
+    one = scenario("director_rod")
+    rate, z = Multipliers(one.model).rate, np.array(one.z0)
+    slopes = np.array([rate(z + 1e-6 * e) - rate(z - 1e-6 * e) for e in np.eye(len(z))]).T / 2e-6
+    limit = 2.8 / np.abs(np.linalg.eigvals(slopes)).max()
+    run = tcbench.simulate("tc_monolithic", one, dt=times * limit, t_end=30 * times * limit)
+    assert run.ok and missed(run) < 1e-14 and run.summary.energy_error_max < 1e-13
+    assert run.summary.entropy_increment_min > 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["rods", "rods[n=10]"])
+def test_ten_thousand_steps_of_rods(name):
+    one = scenario(name)
+    run = tcbench.simulate("tc_monolithic", one, t_end=10_000 * one.dt, record_every=50)
+    assert run.ok and run.steps == 10_000 and missed(run) < 1e-14 and run.summary.energy_error_max < 1e-13
+    assert run.summary.entropy_increment_min > -1e-15 and max(map(np.ptp, run.invariants.values())) < 1e-12
+
+
 def test_a_liquid_core_turns_a_body_to_its_axis_of_largest_inertia():
     run = tcbench.simulate("tc_monolithic", "director_body", t_end=3000.0, dt=0.2, record_every=100)
     end = run.scenario.model.state(run.z[-1])
