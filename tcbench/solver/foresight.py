@@ -90,7 +90,9 @@ def jacobian_fits(numbers: int, entries: int) -> None:
 def _fits(who: str, megabytes: float, what: str, cure: str) -> None:
     room = memory()
     if room is not None and megabytes > SPARE * room:
-        raise MachineError(f"{who} needs about {_gigabytes(megabytes)} {what}, and there are {_gigabytes(room)}: {cure}.")
+        raise MachineError(
+            f"{who} needs about {_gigabytes(megabytes)} {what}, and there are {_gigabytes(room)}: {cure}."
+        )
 
 
 def of_steps(system: System, each: float, steps: int) -> str:

@@ -41,7 +41,9 @@ def test_a_jacobian_of_many_terms_is_refused_before_it_is_made(monkeypatch):
     scenario = solid(2, "hex")
     monkeypatch.setattr(array_flow, "scattered", lambda *_: pytest.fail("it was made"))
     monkeypatch.setattr(foresight, "memory", lambda: 5.0)
-    with pytest.raises(MachineError, match=r"unknowns needs about .* GiB for its Jacobian, and there are .* fewer points"):
+    with pytest.raises(
+        MachineError, match=r"unknowns needs about .* GiB for its Jacobian, and there are .* fewer points"
+    ):
         tcbench.simulate("tc_monolithic", scenario, t_end=0.1)
 
 
