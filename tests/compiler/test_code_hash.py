@@ -153,7 +153,7 @@ def test_the_hash_is_the_same_in_another_process():
         print(formula_hash(Mine, made, one))
     """)
     found = set()
-    for seed in "123":  # of the order of sets
+    for seed in "12":  # of the order of sets
         env = os.environ | {"PYTHONHASHSEED": seed}
         done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=env, check=True)
         found.add(done.stdout)

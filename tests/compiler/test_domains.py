@@ -104,14 +104,17 @@ def test_what_is_known_to_be_positive_is_simplified():
     assert np.exp(np.log(x * 2.0 + 1.0)).op == "add" and np.exp(np.log(x - 1.0)).op == "exp"
 
 
-@pytest.mark.parametrize("power", [2.0, -2, 9, 3, -1.0, 0, 64, 65, -65.0, 130])
-@pytest.mark.parametrize("b", [-2.0, -1.0, -0.25, 1.5])
-def test_divided_differences_of_powers_take_any_base(power, b):
+@pytest.mark.parametrize("power", [2.0, -2, 9, 3, -1.0, 0, 65, -65.0, 130])
+def test_divided_differences_of_powers_take_any_base(power):
+    def f(x):
+        return x**power
+
     a = -1.0
-    found = divided_difference(lambda x: x**power, a, b)
-    exact = (b**power - a**power) / (b - a) if a != b else power * a ** (power - 1)
-    assert found == pytest.approx(exact, rel=1e-14 * max(10, abs(power)), abs=1e-14)  # of so many factors
-    assert power <= 0 or divided_difference(lambda x: x**power, 0.0, b) == pytest.approx(b ** (power - 1), rel=1e-13)
+    for b in (-2.0, -1.0, -0.25, 1.5):
+        exact = (f(b) - f(a)) / (b - a) if a != b else power * a ** (power - 1)
+        # of so many factors
+        assert divided_difference(f, a, b) == pytest.approx(exact, rel=1e-14 * max(10, abs(power)), abs=1e-14)
+        assert power <= 0 or divided_difference(f, 0.0, b) == pytest.approx(b ** (power - 1), rel=1e-13)
 
 
 def test_the_slope_of_a_constant_is_none():

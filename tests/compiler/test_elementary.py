@@ -158,14 +158,14 @@ EXACT = {
 
 
 @pytest.mark.parametrize("name", RULES)
-@pytest.mark.parametrize("b", [-0.9, -0.3 - 1e-9, -0.3, 0.05, 0.6, 0.95])
-def test_divided_differences_keep_their_digits(name, b):
+def test_divided_differences_keep_their_digits(name):
     a = -0.3
-    found = divided_difference(RULES[name], a, b)
-    with mp.workdps(60):
-        f, x, y = EXACT[name], mp.mpf(a), mp.mpf(b)
-        exact = mp.diff(f, x) if a == b else (f(y) - f(x)) / (y - x)
-    assert found == pytest.approx(float(exact), rel=1e-14, abs=1e-15)
+    for b in (-0.9, -0.3 - 1e-9, -0.3, 0.05, 0.6, 0.95):
+        found = divided_difference(RULES[name], a, b)
+        with mp.workdps(60):
+            f, x, y = EXACT[name], mp.mpf(a), mp.mpf(b)
+            exact = mp.diff(f, x) if a == b else (f(y) - f(x)) / (y - x)
+        assert found == pytest.approx(float(exact), rel=1e-14, abs=1e-15), b
 
 
 @pytest.mark.parametrize(("a", "b"), [(-5.0, 4.0), (1e8, -1e8), (-1e5, 1e5 + 2), (0.3, 0.3 + 1e-12), (-2.0, 0.5)])

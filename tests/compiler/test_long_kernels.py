@@ -21,7 +21,8 @@ def test_what_is_not_translated_is_refused_with_its_line():
 
 
 def test_a_long_kernel_is_written_quickly_and_gives_the_same(monkeypatch):
-    flow = tcbench.integrators()["gauss2"].flows[0]
+    flow = tcbench.integrators()["tc_monolithic"].flows[0]
+    monkeypatch.setattr(machine, "LONG", 100)
     text = build(flow, tcbench.scenarios()["short_term"].model).iterate.text
     code, levels = _code(text), []
     assert code.count("\n") > machine.LONG

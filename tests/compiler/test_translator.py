@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import itertools
 import math
 
 import numpy as np
@@ -320,16 +319,3 @@ def test_a_library_names_what_it_has_and_is_compiled_once(monkeypatch):
     again = Library("tests of the translator", *LIBRARY.functions)
     monkeypatch.setattr(Library, "code", None)  # from the cache: nothing is translated
     assert again.ways_out(3, 0) == ways_out(3, 0)
-
-
-def test_every_loop_of_the_package_is_translated_with_at_most_nine_arguments():
-    from one_flow import SOLVERS
-
-    from tcbench.simulation.compiled_loop import LOOPS
-
-    for library in (LOOPS, SOLVERS):
-        module = Module()
-        for function in library.functions:
-            module.entry(function, function.__name__)
-        assert max(len(f.arguments) for f in module.functions.values()) <= 6
-        assert len(set(itertools.chain([f.name for f in module.functions.values()]))) == len(module.functions)

@@ -31,6 +31,7 @@ def assert_laws(method, state, conductivity, tolerance):
 
 
 GENERAL = ("damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction")
+QUICK = ("damped_oscillator", "rigid_body", "reaction")  # whose formulas are the shortest: what is compiled is few
 DISSIPATION = ("friction", "damping", "conductivity", "speed")  # constants that it grows with, of all of these
 
 

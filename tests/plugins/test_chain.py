@@ -7,7 +7,6 @@ from tcbench_plugins.chain.chain import chain
 import tcbench
 from tcbench import TcbenchError
 from tcbench.plugins import find_scenario
-from tcbench.runner.plan import plan_job
 from tcbench.systems.traced import Traced
 
 PENDULUM = tcbench.scenarios()["bound_equilibrium"]
@@ -21,16 +20,15 @@ def test_two_masses_are_the_pendulum():
     assert np.allclose(one.angular_momentum, two.angular_momentum, rtol=1e-14)
 
 
-@pytest.mark.parametrize("method", ["tc_monolithic", "projected[method=midpoint_entropy]"])
-def test_the_laws_hold_at_every_length(method):
-    for n in (10, 1000):
-        run = tcbench.simulate(method, f"chain[n={n}]", dt=0.2, t_end=2.0)
-        assert run.ok and run.summary.energy_error_max < 1e-12
-        assert np.diff(run.entropy).min() > -1e-13 * np.abs(run.entropy).max()
-        q, p = run.z[:, : 2 * n].reshape(-1, n, 2), run.z[:, 2 * n : 4 * n].reshape(-1, n, 2)
-        J = (q[..., 0] * p[..., 1] - q[..., 1] * p[..., 0]).sum(axis=1)
-        assert np.abs(J - J[0]).max() < 1e-12 * np.abs(q[0] * p[0][:, ::-1]).sum()
-        assert np.allclose(run.angular_momentum, J, rtol=1e-12)
+def test_the_laws_hold_of_many_masses():
+    n = 1000
+    run = tcbench.simulate("tc_monolithic", f"chain[n={n}]", dt=0.2, t_end=2.0)
+    assert run.ok and run.summary.energy_error_max < 1e-12
+    assert np.diff(run.entropy).min() > -1e-13 * np.abs(run.entropy).max()
+    q, p = run.z[:, : 2 * n].reshape(-1, n, 2), run.z[:, 2 * n : 4 * n].reshape(-1, n, 2)
+    J = (q[..., 0] * p[..., 1] - q[..., 1] * p[..., 0]).sum(axis=1)
+    assert np.abs(J - J[0]).max() < 1e-12 * np.abs(q[0] * p[0][:, ::-1]).sum()
+    assert np.allclose(run.angular_momentum, J, rtol=1e-12)
 
 
 def test_the_work_of_a_step_is_linear_in_the_number_of_masses():
@@ -46,21 +44,6 @@ def test_what_is_no_chain_is_refused_with_a_sentence():
     for name, message in (("chain[n=x]", "whole number"), ("chain[m=3]", "No parameter"), ("chian", "mean 'chain'")):
         with pytest.raises(TcbenchError, match=message):
             find_scenario(name)
-
-
-def test_workers_run_a_chain_that_travels_as_data(tmp_path):
-    results = tcbench.run(["tc_monolithic"], [chain(3, t_end=1.0)], ["conservation"], output=tmp_path, dt=[0.1])
-    assert list(results.tables["conservation"]["status"]) == ["ok"]
-
-
-def test_chains_run_by_name(tmp_path):
-    job = plan_job(["tc_monolithic"], ["chain[n=3]", "chain[n=1000]"], ["conservation"], dt=[0.1])
-    assert {cell.scenario for cell in job.cells} == {"chain[n=3]", "chain[n=1000]"}
-    assert not job.context["scenarios"], "a scenario that has a name must not travel as data"
-    results = tcbench.run(["tc_monolithic"], ["chain[n=40]"], ["conservation"], output=tmp_path, dt=[0.5])
-    table = results.tables["conservation"]
-    assert list(table["status"]) == ["ok"] and table["energy_error_max"].max() <= 1e-12
-    assert "chain" not in tcbench.scenarios()
 
 
 def test_derived_functions_are_those_of_the_whole_trace():

@@ -9,7 +9,7 @@ from tcbench import Integrator, TcbenchError
 from tcbench.reference.lookup import reference_for
 
 
-@pytest.mark.parametrize("method", ["controlled", "controlled[method=tc_monolithic]", "controlled[method=tc_strang]"])
+@pytest.mark.parametrize("method", ["controlled", "controlled[method=tc_strang]"])
 @pytest.mark.parametrize("scenario", ["bound_equilibrium", "short_term"])
 def test_the_tolerance_and_the_laws_are_kept(method, scenario):
     scenario = tcbench.scenarios()[scenario].replace(t_end=5.0)
@@ -53,12 +53,6 @@ def test_where_no_step_exists_the_run_says_so():
 def test_a_tolerance_below_round_off_is_refused_at_once():
     run = tcbench.simulate("controlled[method=tc_monolithic]", "short_term", t_end=25.0, tolerance=1e-9)
     assert run.status == "nonconverged" and "errors below round-off; take a looser one" in run.failure
-
-
-def test_check_asks_no_order_of_a_fixed_tolerance():
-    from tcbench.authoring.integrator_checks import _adaptive_order
-
-    assert _adaptive_order(tcbench.plugins.find_integrator("controlled[method=tc_monolithic,tol=1e-6]")).verdict == "-"
 
 
 def test_every_one_step_method_can_be_controlled_and_nothing_else():

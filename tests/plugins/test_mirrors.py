@@ -74,7 +74,7 @@ def end(method, scenario):
 
 
 @pytest.mark.parametrize("base", [Wall, Scaled, Powers, Inverse])
-@pytest.mark.parametrize("method", ["tc_monolithic", "tc_gauss", "tc_taylor[order=8]", "tc_taylor", "tc_auto"])
+@pytest.mark.parametrize("method", ["tc_gauss", "tc_taylor"])
 def test_on_the_other_side_of_zero_all_is_as_on_this_side(base, method):
     right, left = (end(method, scenario(base, side)) for side in (1.0, -1.0))
     assert left == pytest.approx(right * [-1, -1, 1, 1], rel=1e-12, abs=1e-12)
@@ -86,10 +86,9 @@ IMAGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["short_term", "stiff_spring", "cold_spring"])
 @pytest.mark.parametrize("method", OURS)
-def test_images_of_a_pendulum_move_as_images(method, name):
-    start = tcbench.scenarios()[name].replace(t_end=0.5, dt=0.01)
+def test_images_of_a_pendulum_move_as_images(method):
+    start = tcbench.scenarios()["stiff_spring"].replace(t_end=0.5, dt=0.01)
     known = end(method, start)
     for what, image in IMAGES.items():
         positions, momenta = ((np.reshape(v, (-1, 2)) @ image.T).ravel() for v in (start.positions, start.momenta))

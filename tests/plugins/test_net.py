@@ -8,43 +8,34 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench.plugins import find_scenario
-from tcbench.systems import traced
 
 from ..helpers.plain_net import PlainNet
 
 FIVE = ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature"]
-TC = FIVE[:3]
-
-
-@pytest.fixture(params=["as a whole", "in loops over the elements"])
-def way(request, monkeypatch):
-    """On arrays, and entry by entry."""
-    if request.param == "as a whole":
-        monkeypatch.setattr(traced, "FEW", 10**6)
-    return request.param
 
 
 @pytest.mark.parametrize("method", FIVE)
-def test_states_are_those_of_plain_numpy(method, way):
-    nx, ny = (2, 2) if way == "as a whole" else (3, 3)  # entry by entry what is compiled grows with the square
-    scenario = net(nx, ny)
-    plain = PlainNet(nx, ny, scenario.constants, scenario.model.anchors)
+def test_states_are_those_of_plain_numpy(method):
+    scenario = net(3, 3)
+    plain = PlainNet(3, 3, scenario.constants, scenario.model.anchors)
     run = tcbench.simulate(method, scenario, dt=0.1, t_end=1.0)
-    assert run.ok and run.steps == 10 and ("loops" in run.solver.way) == ("loops" in way)
+    assert run.ok and run.steps == 10 and "loops" in run.solver.way
     z = np.array(scenario.z0)
     for expected in run.z[1:]:
         z = plain.step(method, z, 0.1)
         assert np.abs(z - expected).max() < 1e-12 * np.abs(z).max()
 
 
-@pytest.mark.parametrize("size", [(2, 2), (4, 3), (7, 7), (12, 20)])
-@pytest.mark.parametrize("method", [*TC, "tc_gonzalez", "projected[method=midpoint_entropy]"])
+@pytest.mark.parametrize(
+    ("method", "size"), [("tc_strang", (2, 2)), ("tc_monolithic", (7, 7)), ("tc_staggered", (12, 20)),
+                         ("tc_gonzalez", (4, 3)), ("projected[method=midpoint_entropy]", (4, 3))]
+)  # fmt: skip
 def test_the_laws_hold_at_every_size(method, size):
     run = tcbench.simulate(method, net(*size), dt=0.1, t_end=1.0)
     assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-13
 
 
-@pytest.mark.parametrize("method", [*FIVE, "tc_itoh_abe", "gauss2"])
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_staggered", "tc_itoh_abe", "gauss2"])
 def test_orders(method):
     scenario, order = net(6, 6), tcbench.integrators()[method].order
     steps = (0.1, 0.05) if order < 4 else (0.2, 0.1)
@@ -53,7 +44,7 @@ def test_orders(method):
     assert abs(np.log2(errors[0] / errors[1]) - order) < 0.3
 
 
-@pytest.mark.parametrize("size", [(2, 2, 1), (2, 2, 6), (3, 3, 4)])
+@pytest.mark.parametrize("size", [(2, 2, 1), (3, 3, 4)])
 def test_a_bar_in_space_keeps_the_laws_and_its_clamped_end(size):
     run = tcbench.simulate("tc_strang", "truss3d[nx={},ny={},nz={}]".format(*size), dt=0.1, t_end=1.0)
     assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-12
@@ -67,7 +58,7 @@ def test_a_bar_has_a_size():
             find_scenario(f"truss3d[nx={size}]")
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(seed=st.integers(0, 10**6), h=st.floats(0.01, 0.4))
 def test_random_states_keep_the_laws(seed, h):
     rng, scenario = np.random.default_rng(seed), net(5, 4)
@@ -85,10 +76,10 @@ def test_long_steps_are_solved_by_tracking_and_whole_factorisations():
     assert run.ok and run.solver.tracked > 0 and run.summary.energy_error_max < 1e-12
 
 
-@pytest.mark.parametrize("size", ["1", "0", "x", "-3", "1001", "2.5"])
-def test_sizes_are_whole_numbers(size):
-    with pytest.raises(tcbench.TcbenchError, match="whole number from 2 to 1000"):
-        find_scenario(f"net[ny={size}]")
+def test_sizes_are_whole_numbers():
+    for size in ("1", "0", "x", "-3", "1001", "2.5"):
+        with pytest.raises(tcbench.TcbenchError, match="whole number from 2 to 1000"):
+            find_scenario(f"net[ny={size}]")
 
 
 def test_it_is_anchored_and_neighbours_conduct():

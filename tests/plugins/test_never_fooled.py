@@ -4,6 +4,7 @@ Truth has closed forms, or comes from SciPy with steps that no feature is shorte
 
 import numpy as np
 import pytest
+from mechanics import Mechanical, rubbed
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -15,11 +16,10 @@ METHODS = ("tc_taylor", "tc_auto")
 ALLOWED = 100.0  # tolerances, times what the motion makes of them
 
 
-class Moving(System):
+class Moving(Mechanical):
     """p^2/2 + potential(q), friction c p, heat 300 s."""
 
     name = "moving"
-    variables = {"q": (), "p": (), "s": ()}
     constants = {"k": (), "at": (), "width": (), "c": ()}
 
     def potential(self, q):
@@ -28,14 +28,8 @@ class Moving(System):
     def energy(self, z):
         return z.p**2 / 2 + self.potential(z.q) + 300.0 * z.s
 
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
-        return {"p": -self.c * dE.p, "s": self.c * dE.p**2 / dE.s}
+        return rubbed(self.c * dE.p, dE)
 
 
 class Gap(Moving):
@@ -71,7 +65,7 @@ def truth(scenario, tolerance=1e-12):
     t = np.linspace(0.0, scenario.t_end, 201)
     field = scenario.model.vector_field
     found = solve_ivp(lambda t, z: field(z), t[[0, -1]], scenario.z0, "DOP853", t, rtol=tolerance, atol=tolerance,
-                      max_step=scenario.t_end / 2000)  # fmt: skip
+                      max_step=scenario.t_end / 500)  # fmt: skip
     return found.y.T
 
 
@@ -82,20 +76,19 @@ def truth(scenario, tolerance=1e-12):
         (MixedGaps, 3.0, 0.0, 1.0, 0.0, 9.0),
         (Lacunary, 1.0, 0.0, 1.0, 0.0, 7.0),
         (Hill, 0.3, 12.0, 1.0, 0.01, 30.0),
-        (Hill, 0.23, 55.0, 1.7, 0.0, 100.0),
         (Front, 0.2, 6e3, 150.0, 0.0, 1e4),
     ],
 )
-@pytest.mark.parametrize("method", METHODS)
-def test_what_a_series_does_not_see_is_not_stepped_over(method, kind, k, at, width, c, t_end):
+def test_what_a_series_does_not_see_is_not_stepped_over(kind, k, at, width, c, t_end):
     """Errors of order 1 at every tolerance, with status ok: the last two terms were all that was asked."""
     constants = {"k": k, "at": at, "width": width, "c": c}
     scenario = Scenario("unseen", kind, constants, initial={"q": 0.0, "p": 1.0, "s": 0.0}, t_end=t_end, dt=t_end / 200)
     exact = truth(scenario)
     size = np.maximum(1.0, np.abs(exact).max(axis=0))
-    run = tcbench.simulate(method, scenario, tolerance=1e-4)
-    assert run.ok, run.failure
-    assert (np.abs(run.z - exact) / size).max() < ALLOWED * 1e-4
+    for method in METHODS:
+        run = tcbench.simulate(method, scenario, tolerance=1e-4)
+        assert run.ok, run.failure
+        assert (np.abs(run.z - exact) / size).max() < ALLOWED * 1e-4, method
 
 
 class Ball(Moving):

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from laws import assert_laws
 from states import with_elements
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.tc_gauss.formulas import POINTS, coefficients
@@ -25,8 +26,8 @@ def name(k):
 @pytest.mark.parametrize(
     ("integrator", "steps"),
     [
-        ("tc_gauss[k=1]", (64, 128)), ("tc_gauss[k=2]", (32, 64)), ("tc_gauss", (16, 32)), ("tc_gauss[k=4]", (12, 16)),
-        ("gauss2", (64, 128)), ("gauss3", (16, 32)),
+        ("tc_gauss[k=1]", (64, 128)), ("tc_gauss[k=2]", (32, 64)), ("tc_gauss", (16, 32)), ("gauss2", (64, 128)),
+        pytest.param("gauss3", (16, 32), marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_the_order_is_twice_the_number_of_stages(integrator, steps):
@@ -36,19 +37,10 @@ def test_the_order_is_twice_the_number_of_stages(integrator, steps):
     assert order == pytest.approx(find_integrator(integrator).order, abs=0.1)
 
 
-@pytest.mark.parametrize("k", [5, 6])
-def test_more_stages_reach_round_off_in_a_few_steps(k):
-    exact = reference_for(SLOW, [1.0]).states[0].astype(float)
-    assert np.abs(tcbench.simulate(name(k), SLOW, dt=1 / 8).z[-1] - exact).max() < 1e-10
-
-
 @pytest.mark.parametrize("integrator", ["tc_gauss", "tc_gauss_adaptive"])
 def test_the_laws_hold_over_a_long_time(integrator):
     run = tcbench.simulate(integrator, "bound_equilibrium", t_end=15000.0)
-    assert run.status == "ok"
-    assert run.summary.energy_error_max <= 1e-12
-    assert run.summary.entropy_increment_min >= -1e-13
-    assert run.summary.invariant_error_max["angular_momentum"] <= 1e-12 * abs(run.angular_momentum[0])
+    assert_laws(run)
 
 
 @pytest.mark.parametrize(
@@ -64,16 +56,14 @@ def test_round_off_of_one_sign_does_not_add_up_where_nothing_dissipates(still, k
 
 
 @pytest.mark.parametrize("scenario", with_elements())
-@pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-6, 1e-10])
-def test_adaptive_steps_keep_the_laws_and_follow_the_tolerance(scenario, tolerance):
+def test_adaptive_steps_keep_the_laws_and_follow_the_tolerance(scenario):
     scenario = tcbench.scenarios()[scenario]
     scenario = scenario.replace(t_end=min(scenario.t_end, 25.0))
-    run = tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=tolerance)
-    assert run.status == "ok" and run.summary.entropy_increment_min >= -1e-13
-    assert run.summary.energy_error_max <= 1e-12
     exact = reference_for(scenario, [1.0]).states[0].astype(float)
-    short = tcbench.simulate("tc_gauss_adaptive", scenario, t_end=1.0, tolerance=tolerance)
-    assert np.max(np.abs(short.z[-1] - exact) / np.maximum(1, np.abs(exact))) <= tolerance
+    for tolerance in (1e-1, 1e-6, 1e-10):
+        assert_laws(tcbench.simulate("tc_gauss_adaptive", scenario, tolerance=tolerance), invariants=np.inf)
+        short = tcbench.simulate("tc_gauss_adaptive", scenario, t_end=1.0, tolerance=tolerance)
+        assert np.max(np.abs(short.z[-1] - exact) / np.maximum(1, np.abs(exact))) <= tolerance
 
 
 def plain_step(scenario, k, h, iterations=200):
@@ -145,8 +135,7 @@ class OneSpring(ElementSystem):
         return self.heat_capacity
 
 
-@pytest.mark.parametrize("k", [2, 5])
-@pytest.mark.parametrize("elements", [1, 3])
+@pytest.mark.parametrize(("elements", "k"), [(1, 5), (3, 2)])
 def test_adaptive_steps_on_systems_with_other_numbers_of_elements(elements, k):
     if elements == 1:
         system, z0 = OneSpring(stiffness=100.0, heat_capacity=1.0), np.array([1.2, 0.0, 0.0, 1.0, 0.1])
@@ -185,11 +174,11 @@ def test_a_step_without_a_root_is_an_error_that_becomes_a_row():
         GaussMethod(scenario.model, 2).increments(np.full(10, np.nan), 0.1)
 
 
-@pytest.mark.parametrize("k", [5, 6, 7, 8])
+@pytest.mark.parametrize("k", [5, 8])
 def test_round_off_in_stiff_conduction_rejects_no_step(k):
     """It is about one residual there: a residual that no longer shrinks is not one that does not converge."""
     scenario = tcbench.scenarios()["relative_equilibrium"]
     solve = find_integrator(f"tc_gauss_adaptive[k={k}]").adaptive
-    for tolerance in (1e-8, 1e-9, 1e-10, 1e-11, 1e-12):
+    for tolerance in (1e-8, 1e-10, 1e-12):
         _, cost = solve(scenario.model, scenario.z0, np.array([0.0, 1500.0]), tolerance, tolerance)
         assert cost["rejected"] == 0 and cost["steps"] < 100

@@ -1,19 +1,15 @@
 """tc_taylor: its series solve the equations, its steps keep every law, and orders and tolerances are what they say."""
 
-import os
-import subprocess
-import sys
-
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
 from tcbench_plugins.tc_taylor import lanes, march
 from tcbench_plugins.tc_taylor.march import step_length
-from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels, taken
+from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.on_arrays import Coefficients
 from tcbench_plugins.tc_taylor.rates import Apart, Factored, rates
 from tcbench_plugins.tc_taylor.recurrences import Writer
@@ -26,7 +22,6 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler import ops
 from tcbench.compiler.arrays import total, variable
 from tcbench.compiler.kernels import kernel, namespace
-from tcbench.compiler.machine import has_fma, is_x86
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
 
@@ -63,9 +58,11 @@ class Precise:
         return getattr(mpmath, OTHER_NAMES.get(name, name))
 
 
-@pytest.mark.parametrize("form", [Normal, Factored, Apart])
-@pytest.mark.parametrize("name", FUNCTIONS)
-@pytest.mark.parametrize("ahead", [False, True])
+@pytest.mark.parametrize(
+    ("name", "form", "ahead"),
+    [*((name, Normal, k % 2 == 0) for k, name in enumerate(FUNCTIONS)),
+     *((name, form, True) for name in ("quotient", "powers", "cancelling") for form in (Factored, Apart))],
+)  # fmt: skip
 def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name, form, ahead):
     """y' = f(y): coefficient n + 1 of y is coefficient n of f of the polynomial up to y^n, over n + 1."""
     f, order = FUNCTIONS[name], 8
@@ -94,7 +91,7 @@ def test_every_function_of_formulas_is_among_them():
     assert {x.op for x in trace.topological(f(np, y) for f in FUNCTIONS.values())} >= set(ops.functions())
 
 
-@pytest.mark.parametrize("name", [*NETWORKS, "net[nx=3,ny=3]"])
+@pytest.mark.parametrize("name", ["shared_bath", "reactions", "net[nx=3,ny=3]"])
 def test_on_arrays_it_is_what_it_is_entry_by_entry_and_keeps_every_law(name, monkeypatch):
     scenario = NETWORKS.get(name) or find_scenario(name)
     times, found, costs = np.linspace(0.0, 0.06, 4), [], set()
@@ -130,16 +127,7 @@ def test_the_logarithm_of_a_product_of_different_signs_is_no_number():
         assert np.isnan(first(np.array([0.4, -3.0]), np.zeros(1))).all()
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_the_normal_form_is_the_same_formula(name):
-    f, y = FUNCTIONS[name], trace.variable("y")
-    normal = Normal([y])
-    again = kernel({y: "a[0]"}, normal.symbols(normal.of([f(np, y)]), [y]))
-    for value in (-0.7, 0.4, 1.9):
-        assert again(np.array([value]), np.zeros(1)) == pytest.approx(f(np, value), rel=1e-14)
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", ["stiff_spring", "gas_containers"])
 def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
     scenario = tcbench.scenarios()[name]
     method = TaylorMethod(scenario.model, 12)
@@ -160,7 +148,7 @@ def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
     assert np.allclose(rate, there, rtol=1e-11, atol=1e-11 * abs(there).max())
 
 
-@pytest.mark.parametrize("name", [*SCENARIOS, "chain[n=5]", "net[nx=3,ny=2]"])
+@pytest.mark.parametrize("name", ["stiff_spring", "gas_containers", "chain[n=3]"])
 def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkeypatch):
     system, order = find_scenario(name).model, 10
     y = np.asarray(system.temperature_variables(find_scenario(name).z0))
@@ -182,14 +170,6 @@ def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkey
         assert np.all(abs(other - found[0]) <= 1e-12 * largest)
 
 
-def test_what_a_lane_waits_for_is_what_its_vector_waits_for():
-    """Sums begin with what is known longest."""
-    gathering = lanes.Gathering(0)
-    early, late = gathering.name("a[0]"), gathering.name("row(a, 1, 3)", ready=5)
-    name = gathering.sum_of([(f"{late}[1]", early), (early, early)])
-    assert gathering.lines[-1] == f"{name} = {early} * {early} + {late}[1] * {early}" and gathering.ready[name] == 6
-
-
 def test_equal_springs_and_both_directions_are_lanes_of_one_vector(monkeypatch):
     monkeypatch.setattr(lanes, "WIDTH", 4)  # of processors that have such vectors
     variables, rate = rates(tcbench.scenarios()["bound_equilibrium"].model)
@@ -201,7 +181,8 @@ def test_equal_springs_and_both_directions_are_lanes_of_one_vector(monkeypatch):
     assert widths == {"var": {4, 2}, "product": {4, 2}, "quotient": {2}, "log": {2}}
 
 
-@given(admissible_states(), st.floats(-12, -1))
+@settings(max_examples=30)
+@given(admissible_states(), st.sampled_from([-12, -8, -4, -1]))
 def test_every_law_holds_from_random_states_at_any_tolerance(state, exponent):
     assert_laws("tc_taylor", state, 3.0, 10.0**exponent)
 
@@ -220,16 +201,7 @@ def test_errors_follow_the_tolerance(name):
     assert errors[2] < errors[0]
 
 
-@pytest.mark.parametrize("name", [*SCENARIOS, "chain[n=5]", "net[nx=3,ny=2]"])
-def test_the_entropy_that_a_step_is_judged_by_is_that_of_its_state(name):
-    scenario = find_scenario(name)
-    method = TaylorMethod(scenario.model, 10)
-    state = method.march(scenario.z0, 0.003, 2)[-1]
-    found, exact = method.work.mended[len(state)], scenario.model.entropy(state)
-    assert abs(found - exact) <= 1e-13 * np.abs(state[2 * scenario.model.n_positions :]).sum()
-
-
-@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize("order", [2, 4])
 def test_fixed_steps_have_the_order_that_they_declare(order):
     scenario = tcbench.scenarios()["bound_equilibrium"].replace(conductivity=1.0, t_end=1.0)
     exact = tcbench.simulate("tc_taylor", scenario, tolerance=1e-14).z[-1]
@@ -317,32 +289,3 @@ def test_a_run_that_ends_early_ends_in_a_mended_state():
         z = scenario.model.entropy_variables(method.work.mended[:10])
         assert abs(scenario.model.energy(z) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
         assert method.cost()["steps"] == patience
-
-
-ORDERS_TAKEN = """
-from tcbench_plugins.tc_taylor import best_of, order_of
-from tcbench.plugins import find_scenario
-for name, tolerance in (("heavy_top", 1e-6), ("reaction", 1e-6), ("stiff_spring", 1e-7), ("short_term", 1e-12)):
-    print(best_of(find_scenario(name).model, order_of(tolerance)).work.order)
-"""
-
-
-@pytest.mark.skipif(not is_x86(), reason="these are x86 processors")
-def test_the_order_of_long_formulas_is_lower_with_any_instructions():
-    """A row of masses whose code leaves the first cache at order 12, and one whose code does so only without FMA."""
-    long, short = (taken(find_scenario(f"chain[n={n}]").model, 12) for n in (8, 4))
-    assert long < 12 and (short == 12 or not has_fma())
-
-
-@pytest.mark.skipif(not is_x86(), reason="these are x86 processors")
-@pytest.mark.parametrize(
-    ("target", "orders"),
-    [
-        ("x86-64-v3", [14, 14, 14, 16]),  # 16 is the last order of elements whose steps are damped
-        ("x86-64", [10, 14, 12, 12]),  # the next orders would come from the second cache; the reaction is short
-    ],
-)
-def test_the_order_is_the_best_whose_code_stays_near(target, orders):
-    env = os.environ | {"TCBENCH_TARGET": target}
-    done = subprocess.run([sys.executable, "-c", ORDERS_TAKEN], env=env, capture_output=True, text=True, check=True)
-    assert list(map(int, done.stdout.split())) == orders

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical, rubbed
 from scipy.integrate import solve_ivp
 
 import tcbench
-from tcbench import System
 from tcbench.plugins import find_integrator, find_scenario
 
 
-class Rough(System):
+class Rough(Mechanical):
     """Oscillators in quadratic drag: |v| v has a kink at each turn."""
 
     name = "rough"
@@ -19,15 +19,8 @@ class Rough(System):
     def energy(self, z):
         return (2 * z.q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
 
-    def entropy(self, z):
-        return z.s.sum()
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
-        force = self.drag * abs(dE.p) * dE.p
-        return {"p": -force, "s": force * dE.p / dE.s}
+        return rubbed(self.drag * abs(dE.p) * dE.p, dE)
 
 
 class Quick(Rough):
@@ -70,7 +63,7 @@ class Bent(Rough):
         return (abs(z.q**2 - 0.25) ** 1.5 + z.q**2 + z.p**2 / 2 + np.exp(z.s)).sum()
 
     def irreversible(self, z, dE, dS):
-        return {"p": -self.drag * dE.p, "s": self.drag * dE.p**2 / dE.s}
+        return rubbed(self.drag * dE.p, dE)
 
 
 def test_where_steps_are_taken_again_entropies_of_outputs_on_the_way_do_not_hold():
@@ -83,8 +76,8 @@ def test_where_steps_are_taken_again_entropies_of_outputs_on_the_way_do_not_hold
     assert cost["rejected"] > 0 and np.abs(states[-1] - exact.y[:, -1]).max() < 1e-8
 
 
-@pytest.mark.parametrize("unit", [1e-12, 1e10, 1e14])
-@pytest.mark.parametrize("name", ["bound_equilibrium", "chain[n=9]", "rough"])
+@pytest.mark.parametrize("unit", [1e-12, 1e14])
+@pytest.mark.parametrize("name", ["bound_equilibrium", "rough"])
 def test_the_unit_of_time_does_not_matter(name, unit):
     """Squares of coefficients go with its power of twice the order: what is no number was taken for a long step."""
     if name == "rough":
@@ -145,7 +138,7 @@ def test_many_kinks_close_together_are_no_jump():
     assert tcbench.simulate("tc_taylor[order=4]", scenario.replace(drag=np.full(150, 0.2), **start)).ok
 
 
-class Pulled(System):
+class Pulled(Mechanical):
     """Points in the plane, drawn to the origin by their distances from there."""
 
     name = "pulled"
@@ -157,12 +150,6 @@ class Pulled(System):
 
     def energy(self, z):
         return self.distance(z.q).sum() + (z.p * z.p / self.mass[:, None]).sum() / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
 
 class ByHypot(Pulled):
@@ -186,7 +173,7 @@ class ByConstant(Pulled):
         return (q * q).sum(axis=1) ** self.half
 
 
-@pytest.mark.parametrize("beside", [0.0, 1e-9, 1e-7])
+@pytest.mark.parametrize("beside", [0.0, 1e-7])
 @pytest.mark.parametrize(("kind", "most"), [(Pulled, 0), *((x, 1000) for x in (Pulled, ByHypot, ByPower, ByConstant))])
 def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
     """Its series goes on below 0: with status ok points on their way through the origin were wrong by 0.2."""
@@ -199,7 +186,7 @@ def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
     through = np.sqrt(3.0)  # the speed at the origin, which is reached after through - 1
     exact = (through * (3.0 - through) - (3.0 - through) ** 2 / 2) * along  # beside it by 10 times as much
     for name in ("tc_taylor", "tc_auto"):
-        for tolerance in (1e-3, 1e-6, 1e-9):
+        for tolerance in (1e-3, 1e-9):
             states, cost = find_integrator(name).adaptive(
                 scenario.model, scenario.z0, np.array([0.0, 2.0]), tolerance, tolerance
             )
@@ -207,8 +194,7 @@ def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
             assert cost["steps"] < 100
 
 
-@pytest.mark.parametrize("steps", [16, 64, 1000])
-@pytest.mark.parametrize("order", [4, 8, 20])
+@pytest.mark.parametrize(("order", "steps"), [(4, 1000), (8, 64), (20, 16)])
 def test_fixed_steps_keep_their_digits_behind_the_zero_of_a_root(order, steps):
     """Rounding made coefficients of 1e50 there: a state was wrong by 0.8 with status ok, and more with more steps."""
     along = np.array([[1.0, 0.0], [0.6, 0.8]])
@@ -236,8 +222,7 @@ class Sliding(Rough):
         return (abs(z.q) + 0.3 * z.q + z.p**2 / 2 + np.exp(z.s)).sum()
 
     def irreversible(self, z, dE, dS):
-        force = self.drag * dE.p / (abs(dE.p) + 1e-300)
-        return {"p": -force, "s": force * dE.p / dE.s}
+        return rubbed(self.drag * dE.p / (abs(dE.p) + 1e-300), dE)
 
 
 @pytest.mark.parametrize(("at", "drag"), [(0.0, 0.0), (-1.0, 1.5)])
@@ -263,8 +248,7 @@ class Grazing(Rough):
         return {"s": 0 * dE.s}
 
 
-@pytest.mark.parametrize("most", [0, 1000])
-@pytest.mark.parametrize("beyond", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize(("most", "beyond"), [(0, 1e-4), (1000, 1e-3), (1000, 1e-6)])
 def test_a_kink_that_is_passed_twice_within_a_step_is_seen(beyond, most, monkeypatch):
     """They were looked for an eighth of a step apart: a contact that had ended by then was missed, at any tolerance."""
     monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
@@ -277,6 +261,6 @@ def test_a_kink_that_is_passed_twice_within_a_step_is_seen(beyond, most, monkeyp
         "grazing", Grazing, {"k": [k] * n, "wall": [wall] * n}, initial=start, t_end=6.0, dt=0.1
     )
     exact = wall * np.cos(6.0 - back) - speed * np.sin(6.0 - back)
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
+    for tolerance in (1e-4, 1e-6, 1e-10):
         run = tcbench.simulate("tc_taylor", scenario, tolerance=tolerance, times=[6.0])
         assert abs(scenario.model.state(run.z[-1]).q - exact).max() < 10 * tolerance, tolerance

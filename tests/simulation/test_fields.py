@@ -16,7 +16,9 @@ meshio = pytest.importorskip("meshio")
 SHORT = {"solid[n=1]": (0.2, 0.1), "ring[n=8]": (0.1, 0.05), "gas_tube[n=30]": (0.01, 0.005)}
 
 
-@pytest.mark.parametrize("name", ["solid[n=1]", "ring[n=8]", "gas_tube[n=30]"])
+@pytest.mark.parametrize(
+    "name", ["ring[n=8]", "gas_tube[n=30]", pytest.param("solid[n=1]", marks=pytest.mark.thorough)]
+)
 def test_what_is_read_back_is_the_run(name, tmp_path):
     t_end, dt = SHORT[name]
     run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)

@@ -13,7 +13,7 @@ from tcbench.simulation import prepared
 from tcbench.solver import foresight
 
 SCENARIO = tcbench.scenarios()["short_term"]
-METHODS = ["tc_monolithic", "tc_strang", "projected", "gauss2", "verlet_heat", "tc_gauss"]
+METHODS = ["tc_strang", "projected", "verlet_heat", "tc_gauss"]
 WAYS = (  # of one scenario, one after the other
     {"dt": 0.3, "t_end": 3.0},
     {"dt": 0.1, "t_end": 1.0, "record_every": None},
@@ -58,7 +58,7 @@ def test_a_failed_run_leaves_nothing_to_the_next():
     [
         ("tc_strang", [{"dt": 1e-3}, {"dt": 2e-3}]),
         ("tc_gauss", [{"dt": 0.05}, {"dt": 0.1}]),
-        *((name, [{"tolerance": 1e-8}, {"tolerance": 2e-8}]) for name in ("tc_gauss_adaptive", "tc_taylor", "tc_auto")),
+        ("tc_auto", [{"tolerance": 1e-8}, {"tolerance": 2e-8}]),
     ],
 )
 def test_threads_have_records_of_their_own(method, ways):

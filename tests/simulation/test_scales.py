@@ -2,32 +2,26 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical, rubbed
 
 import tcbench
-from tcbench import Integrator, Scenario, System
+from tcbench import Integrator, Scenario
 from tcbench.report.by_method import remarks
 from tcbench.report.pairs import pairs
 from tcbench.simulation.metrics import conservation
 
 
-class Bath(System):
+class Bath(Mechanical):
     """An oscillator that rubs against a body of heat capacity C, at T0 at first: how open systems are written here."""
 
     name = "bath"
-    variables = {"q": (), "p": (), "s": ()}
     constants = {"friction": (), "capacity": (), "T0": (), "from": ()}
 
     def energy(self, z):
         return z.p**2 / 2 + z.q**2 / 2 + self.capacity * self.T0 * np.exp(z.s / self.capacity) - getattr(self, "from")
 
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
-        return {"p": -self.friction * dE.p, "s": self.friction * dE.p**2 / dE.s}
+        return rubbed(self.friction * dE.p, dE)
 
     def temperature(self, z, dE, dS):
         return dE.s
@@ -46,7 +40,7 @@ def bath(capacity, kind=Bath, **settings):
 
 
 EULER = Integrator(name="euler", order=1, flows=lambda z0, z1, h, system: z1 - z0 - h * system.vector_field(z0))
-CAPACITIES = [0.7, 40.0, 3e4, 1e6]
+CAPACITIES = [0.7, 1e6]
 
 
 @pytest.mark.parametrize("counted", [0.0, 123.0])

@@ -54,30 +54,33 @@ def test_compiled_steps_agree_with_scipy_on_the_formula_written_by_hand(method, 
         assert np.allclose(run.z[k + 1], z, rtol=1e-9, atol=1e-9)
 
 
+PLAIN = """
+import tcbench
+RUNS = (
+    ("tc_strang", "stiff_spring", 0.3, 0.9), ("tc_gauss", "short_term", 0.3, 0.6),
+    ("midpoint_entropy", "stiff_spring", 1.5, 6.0), ("tc_monolithic", "stiff_spring", 12.0, 24.0),
+    ("midpoint_temperature", "cold_spring", 12.0, 12.0),
+)  # Newton, tracking, arcs and folds, a blow-up, a lost branch
+LINES = []
+for method, scenario, dt, t_end in RUNS:
+    r = tcbench.simulate(method, scenario, dt=dt, t_end=t_end)
+    s = r.solver
+    LINES.append(" ".join(map(str, (r.status, r.steps, s.tracked, s.arcs, s.folds, *(x.hex() for x in r.z[-1])))))
+"""
+
+
 def test_plain_python_gives_what_the_compiled_code_gives():
-    code = (
-        "import tcbench\n"
-        "for method, scenario, dt, t_end in (\n"
-        "    ('tc_monolithic', 'stiff_spring', 0.3, 0.9), ('tc_strang', 'stiff_spring', 0.3, 0.9),\n"
-        "    ('midpoint_temperature', 'stiff_spring', 0.3, 0.9), ('tc_gauss', 'short_term', 0.3, 0.6),\n"
-        "    ('tc_monolithic', 'short_term', 12.0, 12.0), ('midpoint_entropy', 'stiff_spring', 1.5, 6.0),\n"
-        "    ('tc_monolithic', 'stiff_spring', 12.0, 24.0), ('midpoint_temperature', 'cold_spring', 12.0, 12.0),\n"
-        "):  # Newton, tracking, arcs and folds, a blow-up, a lost branch\n"
-        "    r = tcbench.simulate(method, scenario, dt=dt, t_end=t_end)\n"
-        "    s = r.solver\n"
-        "    print(r.status, r.steps, s.tracked, s.arcs, s.folds, *(x.hex() for x in r.z[-1]))\n"
-    )
-    outputs = []
-    for disabled in ("0", "1"):
-        env = os.environ | {"TCBENCH_PLAIN": disabled}
-        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
-        outputs.append([line.split() for line in done.stdout.splitlines()])
-    for compiled, plain in zip(*outputs, strict=True):
+    env, here = os.environ | {"TCBENCH_PLAIN": "1"}, {}
+    exec(PLAIN, here)
+    command = [sys.executable, "-c", PLAIN + "print(*LINES, sep='\\n')"]
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+    found = [[line.split() for line in lines] for lines in (here["LINES"], done.stdout.splitlines())]
+    for compiled, plain in zip(*found, strict=True):
         assert compiled[:5] == plain[:5]  # status, steps, and what the solver needed
         a, b = ([float.fromhex(x) for x in line[5:]] for line in (compiled, plain))
         assert np.allclose(a, b, rtol=1e-11, atol=1e-11)  # fused multiply-add rounds differently
-    seen = [line[0] for line in outputs[0]]
-    assert {"ok", "blowup", "no_root"} == set(seen) and sum(int(line[4]) for line in outputs[0]) >= 3  # folds
+    assert {line[0] for line in found[0]} == {"ok", "blowup", "no_root"}
+    assert sum(int(line[4]) for line in found[0]) >= 2  # folds
 
 
 def test_n_plus_m_steps_equal_n_and_then_m():
@@ -350,9 +353,9 @@ def test_a_residual_of_the_wrong_size_is_refused():
         tcbench.simulate(Integrator(name="bad", order=1, flows=wrong_size), "short_term")
 
 
-def test_a_million_steps_hold_the_energy_and_keep_a_thousand_states():
-    run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=50_000.0, record_every=1000)
-    assert run.steps == 1_000_000 and run.z.shape == (1001, 10)
+def test_many_steps_hold_the_energy_and_keep_a_part_of_the_states():
+    run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=10_000.0, record_every=1000)
+    assert run.steps == 200_000 and run.z.shape == (201, 10)
     assert run.summary.energy_error_max <= 1e-12
 
 

@@ -69,7 +69,7 @@ def test_what_another_thread_keeps_on_a_system_meanwhile_disturbs_nothing(made, 
     with ThreadPoolExecutor(1) as pool:
         other = pool.submit(keep)
         try:
-            for _ in range(300):
+            for _ in range(100):
                 monkeypatch.setattr(traced, "_SYMBOLIC", {})
                 vars(system).pop("symbolic", None)
                 made(system)
@@ -97,12 +97,12 @@ def test_what_stands_for_a_net_is_whole_before_another_thread_can_take_it(monkey
 
 def test_threads_on_one_scenario_with_different_tolerances_do_not_meet(often):
     scenario, tolerances = find_scenario("bound_equilibrium").replace(t_end=1.0), [1e-3, 1e-4] * 3
-    for name in ("controlled[method=tc_monolithic]", "controlled_taylor", "controlled"):
+    for name in ("controlled[method=tc_monolithic]", "controlled_taylor"):
         alone = [simulate(name, scenario, tolerance=tolerance) for tolerance in tolerances]
         assert at_once(lambda tolerance, name=name: simulate(name, scenario, tolerance=tolerance), tolerances) == alone
 
 
-@pytest.mark.parametrize("name", ["tc_monolithic", "tc_gauss", "tc_taylor[order=8]", "richardson"])
+@pytest.mark.parametrize("name", ["tc_monolithic", "tc_gauss", "tc_taylor[order=8]"])
 def test_threads_that_share_a_stepper_take_turns(name, often):
     scenario = find_scenario("bound_equilibrium")
     step, lengths = tcbench.stepper(method_of(name), scenario), [0.01 * (k + 1) for k in range(THREADS)]

@@ -47,8 +47,10 @@ def test_a_step_is_a_function_of_its_start_and_length(name):
     assert tcbench.stepper(method_of(name), scenario)(z, h).tobytes() == on
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ArithmeticError, SystemExit])
-@pytest.mark.parametrize("inner", ["tc_monolithic", "tc_gauss", "tc_taylor[order=8]"])
+@pytest.mark.parametrize(
+    ("inner", "error"),
+    [("tc_monolithic", KeyboardInterrupt), ("tc_gauss", ArithmeticError), ("tc_taylor[order=8]", SystemExit)],
+)
 def test_a_run_that_was_interrupted_leaves_nothing_behind(inner, error):
     def stops(z, h, system):
         step = tcbench.stepper(inner, system)

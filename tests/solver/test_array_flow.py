@@ -14,17 +14,12 @@ from tcbench.systems import traced
 
 from ..helpers.networks import NETWORKS, N
 
-OF_ELEMENTS = [
-    "tc_monolithic", "tc_staggered", "midpoint_temperature", "midpoint_temperature[reading=rate]",
-    "midpoint_temperature[reading=a5_literal]", "tc_energy", "tc_gonzalez", "tc_itoh_abe", "tc_mean_value", "gauss2",
-    "bdf2", "projected[method=midpoint_entropy]",
+OF_ELEMENTS = ["tc_staggered", "midpoint_temperature[reading=a5_literal]", "tc_energy", "tc_itoh_abe",
+               "tc_mean_value", "bdf2", "projected[method=midpoint_entropy]", "tc_strang_exact"]  # fmt: skip
+PAIRS = [
+    ("tc_strang", "drag"), ("midpoint_entropy", "row"), ("tc_itoh_abe", "dashpots"), ("tc_monolithic", "reactions"),
+    ("tc_gonzalez", "shared_bath"), ("gauss2", "reactions"), ("hbvm", "reactions"),
 ]  # fmt: skip
-GENERAL = ["tc_monolithic", "tc_strang", "midpoint_entropy", "tc_itoh_abe", "tc_gonzalez"]
-QUICK = [*(("tc_monolithic", name) for name in NETWORKS), ("tc_strang", "drag"), ("midpoint_entropy", "shared_bath"),
-         ("tc_itoh_abe", "dashpots"), ("tc_gonzalez", "reactions"), ("tc_gonzalez", "shared_bath"),
-         ("gauss2", "row"), ("gauss3", "reactions")]  # fmt: skip
-MORE = [(method, name) for method in (*GENERAL, "gauss2") for name in NETWORKS if (method, name) not in QUICK]
-PAIRS = [*QUICK, *(pytest.param(*pair, marks=pytest.mark.thorough) for pair in MORE)]
 NET = net(2, 2)  # of 22 variables: what a whole trace and its elimination cost grows with their square
 LOOPS = "in loops over the elements"
 
@@ -48,13 +43,6 @@ def whole(monkeypatch):
     return run
 
 
-@pytest.mark.parametrize("method", OF_ELEMENTS)
-def test_flows_of_elements_are_those_of_the_whole_trace(method, whole):
-    run, expected = tcbench.simulate(method, NET, t_end=0.3), whole(method, NET, t_end=0.3)
-    assert run.ok and LOOPS in run.solver.way
-    assert np.abs(run.z - expected.z).max() < 1e-13
-
-
 class Insulated(type(NET.model)):
     """Springs that conduct no heat, which is known in closed form."""
 
@@ -67,11 +55,12 @@ class Insulated(type(NET.model)):
         return 0.0 * t * theta, theta
 
 
-@pytest.mark.parametrize("method", ["verlet_heat", "tc_strang_exact", "projected[method=verlet_heat]"])
-def test_splittings_by_exact_conduction_are_those_of_the_whole_trace(method, whole):
-    model = NET.model
-    constants = {name: getattr(model, name) for name in [*model.constants, *model.tables]}
-    net = tcbench.Scenario("insulated", Insulated, constants, **model.initial_of(NET.z0), dt=NET.dt, t_end=0.3)
+@pytest.mark.parametrize("method", OF_ELEMENTS)
+def test_flows_of_elements_are_those_of_the_whole_trace(method, whole):
+    model, net = NET.model, NET.replace(t_end=0.3)
+    if find_integrator(method).needs:
+        constants = {name: getattr(model, name) for name in [*model.constants, *model.tables]}
+        net = tcbench.Scenario("insulated", Insulated, constants, **model.initial_of(NET.z0), dt=NET.dt, t_end=0.3)
     run, expected = tcbench.simulate(method, net), whole(method, net)
     assert run.ok and LOOPS in run.solver.way
     assert np.abs(run.z - expected.z).max() < 1e-13
@@ -84,11 +73,10 @@ def test_flows_of_any_system_are_those_of_the_whole_trace(method, name, whole):
     assert run.ok and LOOPS in run.solver.way
     assert np.abs(run.z - expected.z).max() < 1e-13
     assert run.summary.entropy_increment_min > 0.0
-    if method.startswith("tc_"):
-        assert run.summary.energy_error_max < 1e-13
+    assert run.summary.energy_error_max < 1e-13 or not method.startswith("tc_")
 
 
-@pytest.mark.parametrize("name", ["row", "drag"])
+@pytest.mark.parametrize("name", ["row"])
 def test_a_number_that_all_share_does_not_end_an_iteration(name):
     """Where nothing has moved yet the factor of Gonzalez's projection is 0/0. Its first correction was 1e16, beside
     which the second seemed to be the last: of a hundred steps three were wrong, by up to 1.7 of the energy, and ok."""
@@ -97,27 +85,15 @@ def test_a_number_that_all_share_does_not_end_an_iteration(name):
     assert max(map(theorems.energy_defect, runs)) < theorems.SOLVED
 
 
-@pytest.mark.parametrize(
-    ("method", "name"),
-    [
-        ("cpg", "reactions"),
-        ("hbvm", "reactions"),
-        pytest.param("relaxation[order=2]", "row", marks=pytest.mark.thorough),
-    ],
-)
-def test_methods_of_other_forms_run_on_arrays(method, name, whole):
-    run, expected = (f(method, NETWORKS[name], dt=0.02, t_end=0.1) for f in (tcbench.simulate, whole))
-    assert run.ok and LOOPS in run.solver.way and np.abs(run.z - expected.z).max() < 1e-13
-
-
 @pytest.mark.parametrize("method", ["ybaby", "mybaby"])
 def test_a_method_that_takes_numbers_one_by_one_says_that_arrays_are_not_for_it(method):
     with pytest.raises(tcbench.TcbenchError, match="take the numbers of a state one by one"):
         tcbench.simulate(method, NETWORKS["drag"])
 
 
-@pytest.mark.parametrize("name", NETWORKS)
-@pytest.mark.parametrize("method", ["tc_monolithic", "gauss2"])
+@pytest.mark.parametrize(
+    ("method", "name"), [*(("tc_monolithic", name) for name in NETWORKS), ("gauss2", "shared_bath")]
+)
 def test_jacobians_are_those_of_differences(method, name):
     scenario = NETWORKS[name]
     model = scenario.model

@@ -1,10 +1,5 @@
 """The arc: the first crossing of h, through folds, and the verdict that a branch is lost."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -109,7 +104,7 @@ def random_scenario(y, h):
 
 
 @pytest.mark.parametrize("name", ["tc_monolithic", "tc_staggered", "tc_strang"])
-@settings(max_examples=100)
+@settings(max_examples=30)
 @given(y=admissible_states(), log_h=st.floats(-1.0, 1.0))
 def test_a_tc_step_has_a_root_for_every_h(name, y, log_h):
     """Its roots obey V(z1) <= V(z0), so the branch cannot be lost: `no_root` would be a fault of the tracker."""
@@ -118,7 +113,7 @@ def test_a_tc_step_has_a_root_for_every_h(name, y, log_h):
     assert run.status in ("ok", "nonconverged")
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(y=admissible_states(), log_h=st.floats(-1.0, 0.5))
 def test_the_arc_s_root_solves_the_step(y, log_h):
     """The formula on plain floats, at the root that the arc found."""
@@ -140,7 +135,7 @@ def test_the_audit_counts_roots_that_are_not_principal():
     """It says of each accepted root what a scan of the equation for its first root says."""
     method, d = scalar("wave", wave), np.linspace(0.0, 12.0, 200_001)
     counts = []
-    for h in np.linspace(0.1, 1.9, 60):
+    for h in np.linspace(0.1, 1.9, 20):
         run = simulate(method, SCENARIO.replace(t_end=h), dt=h, continuation=False, audit_roots=True)
         if run.status == "nonconverged":
             assert run.solver.audited == run.solver.wrong_roots == 0
@@ -159,26 +154,3 @@ def test_an_audit_does_not_change_the_run(name):
         assert np.array_equal(run.z, same.z) and same.solver.audited == 0
         assert run.solver.audited == len(run.integrator.flows) * run.steps
         assert dt > 1 or run.solver.wrong_roots == 0
-
-
-def test_without_compilation_the_arc_gives_the_same():
-    """TCBENCH_PLAIN=1: the same kernels as plain Python."""
-    code = (
-        "from scalar import *; from one_flow import OneFlow; import tcbench\n"
-        "s = tcbench.scenarios()['short_term']\n"
-        "for e, h in ((parabola, 0.3), (parabola, 0.6), (cubic, 0.7)):\n"
-        "    w = OneFlow(scalar('e', e), s, h); print(*w.arc(), float(w.x[0]) if h != 0.6 else 0.0)\n"
-        "from tcbench.simulation.run import simulate\n"
-        "print(simulate('midpoint_entropy', s.replace(t_end=2.0), dt=2.0, audit_roots=True).solver.audited)\n"
-    )
-    here = Path(__file__).parents[1] / "helpers"
-    lines = []
-    for disable in ("0", "1"):
-        environment = os.environ | {"TCBENCH_PLAIN": disable, "PYTHONPATH": str(here)}
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=here, timeout=1800
-        )
-        assert done.returncode == 0, done.stderr
-        lines.append(np.array([float(v) for v in done.stdout.split()]))
-    # contraction to fused multiply-adds is the only difference
-    assert lines[0] == pytest.approx(lines[1], rel=1e-12)

@@ -12,10 +12,9 @@ from tcbench.solver.flow import OldFactors
 from tcbench.solver.pattern import Pattern, _parity
 
 CASES = [
-    ("tc_monolithic", "short_term", 0.3), ("tc_monolithic", "cold_spring", 2.5), ("tc_strang", "long_term", 1.0),
+    ("tc_monolithic", "cold_spring", 2.5), ("tc_monolithic", "stiff_spring", 2.5), ("tc_strang", "long_term", 1.0),
     ("midpoint_entropy", "stiff_spring", 0.3), ("midpoint_temperature", "cold_spring", 1.0),
-    ("gauss2", "short_term", 1.0),
-    ("tc_monolithic", "stiff_spring", 2.5), ("tc_staggered", "gas_containers", 0.3),
+    ("tc_staggered", "gas_containers", 0.3),
 ]  # fmt: skip
 
 
@@ -52,7 +51,7 @@ def test_a_pattern_has_every_entry_and_the_diagonal():
 
 
 @pytest.mark.parametrize("n", [15, 120])  # by LAPACK, by SuperLU
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_factorisation_has_both_solutions_and_the_sign_of_the_determinant(seed, n):
     rng = np.random.default_rng(seed)
     A = np.where(rng.uniform(size=(n, n)) < 0.3, rng.normal(size=(n, n)), 0.0) + np.diag(rng.normal(size=n))

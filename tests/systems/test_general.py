@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from spread import spread
 
 import tcbench
 from tcbench import ElementSystem, Integrator, Scenario, System, TcbenchError
@@ -17,12 +18,11 @@ GRADIENTS = ("tc_gonzalez", "tc_itoh_abe", "tc_averaged", "tc_mean_value")  # of
 SCENARIOS = {name: tcbench.scenarios()[name] for name in SIX}
 
 
-LAWFUL = [*PAPER, "tc_gonzalez", "tc_itoh_abe", "tc_averaged", "tc_gauss[k=2]", "tc_gauss", "projected[method=gauss2]"]
+LAWFUL = [*PAPER, "tc_gonzalez", "tc_itoh_abe", "tc_averaged", "tc_gauss"]
 ADAPTIVE = ["tc_taylor", "tc_auto", "controlled", "tc_gauss_adaptive"]  # all who claim energy, entropy and invariants
 
 
-@pytest.mark.parametrize("name", SIX)
-@pytest.mark.parametrize("method", [*LAWFUL, *ADAPTIVE])
+@pytest.mark.parametrize(("method", "name"), spread([*LAWFUL, *ADAPTIVE], list(SIX)))
 def test_laws_at_large_steps(method, name):
     """Round-off of 1000 converged solves, or of as many steps as a tolerance takes to t = 2000, by which they rest; the
     entropy of a system at rest is computed to some last digits."""
@@ -37,24 +37,29 @@ def test_laws_at_large_steps(method, name):
 
 
 @pytest.mark.parametrize("name", SIX)
-def test_orders_and_peers(name):
-    """The study's fit holds the declared order in its interval; a peer tells the solution."""
+def test_peers_tell_the_solution(name):
     scenario = SCENARIOS[name].replace(t_end=1.0)
-    exact = tcbench.simulate("gauss3", scenario, dt=1 / 256).z[-1]
-    peer = tcbench.simulate("solve_ivp_dop853", scenario, tolerance=1e-12)
-    assert peer.z[-1] == pytest.approx(exact, rel=1e-9, abs=1e-9)
-    for method in (*PAPER, "midpoint_entropy", "tc_gauss[k=2]", "tc_gauss", *GRADIENTS):
-        fits = convergence.measure(find_integrator(method), SCENARIOS[name], {})["orders"]
-        fit = next(row for row in fits if row["variable"] == "all")
-        higher = fit["declared"] == 1 and fit["order"] > 1.8  # a splitting of one part, an ordering of what is separate
-        assert higher or fit["verdict"] == "as declared", (method, fit)
-        assert fit["order_high"] - fit["order_low"] < 0.3, (method, fit)
+    ours, peer = (tcbench.simulate(m, scenario, tolerance=1e-12) for m in ("tc_auto", "solve_ivp_dop853"))
+    assert peer.z[-1] == pytest.approx(ours.z[-1], rel=1e-9, abs=1e-9)
 
 
-LONG = pytest.param("viscous_pendulum", marks=pytest.mark.thorough)  # its formulas are the longest
+FITTED = [*PAPER, "midpoint_entropy", "tc_gauss", *GRADIENTS]
 
 
-@pytest.mark.parametrize("name", [LONG if name == "viscous_pendulum" else name for name in SIX])
+@pytest.mark.parametrize(("method", "name"), spread(FITTED, sorted(SIX, reverse=True), core=("tc_monolithic",)))
+def test_the_fit_of_the_study_holds_the_declared_order_in_its_interval(method, name):
+    fits = convergence.measure(find_integrator(method), SCENARIOS[name], {})["orders"]
+    fit = next(row for row in fits if row["variable"] == "all")
+    higher = fit["declared"] == 1 and fit["order"] > 1.8  # a splitting of one part, an ordering of what is separate
+    assert higher or fit["verdict"] == "as declared", fit
+    assert fit["order_high"] - fit["order_low"] < 0.3, fit
+
+
+PEERS = [name for name, i in tcbench.integrators().items() if "energy" not in i.claims and not i.lacks]
+RUNS = spread(PEERS, ["rigid_body", "damped_oscillator", "reaction"], core=())  # others run there in tests/laws
+
+
+@pytest.mark.parametrize("name", SIX)
 def test_every_method_runs_or_says_why_not(name):
     scenario = SCENARIOS[name].replace(t_end=0.1)
     for method in tcbench.integrators().values():
@@ -72,7 +77,7 @@ def test_every_method_runs_or_says_why_not(name):
             assert not any(scenario.model.defines(need) for need in method.needs)
             with pytest.raises(TcbenchError, match=r"needs|temperatures|energies|elements"):
                 tcbench.simulate(method, scenario)
-        elif method.systems or not method.by_default or "energy" not in method.claims:  # others run there in tests/laws
+        elif (method.name, name) in RUNS:
             run = tcbench.simulate(method, scenario, **({} if method.kind == "adaptive" else {"dt": 0.05}))
             assert run.status == "ok", (method.name, run.failure)
 
@@ -311,13 +316,13 @@ def test_a_method_written_for_any_system_reads_its_variables():
     assert run.ok and model.vector_field(run.z[0]).m.shape == (3,) and model.component_names == ["m0", "m1", "m2"]
 
 
-@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize("name", SIX[1:])
 def test_random_variants_of_a_scenario(name):
     """Drawn around it, the same for ever, and every law holds on them."""
     from tcbench import plugins
 
     base, family = SCENARIOS[name], plugins.find_family(f"random_{name}")
-    for seed in ("0", "11"):
+    for seed in ("11",):
         scenario = family.member(seed=seed)
         assert scenario.hash == family.member(seed=seed).hash != base.hash
         for constant, value in scenario.constants.items():
@@ -371,8 +376,7 @@ def test_a_formula_that_is_replaced_in_its_class_is_the_one_that_runs(monkeypatc
         assert [tcbench.simulate("tc_monolithic", one).energy[-1] for one in made] == pytest.approx([factor, factor])
 
 
-@pytest.mark.parametrize("many", [0, 30])
-@pytest.mark.parametrize("constant", [0, 1.0, np.float64(2)])
+@pytest.mark.parametrize(("many", "constant"), [(0, 0), (0, np.float64(2)), (30, 1.0)])
 def test_formulas_may_be_constants(many, constant):
     """Motion without entropy, in a bath of one temperature: methods died of a number that was no symbol."""
 
@@ -402,7 +406,6 @@ def test_formulas_may_be_constants(many, constant):
     n = many or 2
     start = {"q": np.linspace(0.1, 1, n), "p": np.zeros(n)}
     scenario = Scenario("w", Waves, {"k": np.linspace(1, 2, n) if many else 1.5}, initial=start, t_end=1, dt=0.1)
-    methods = ("tc_monolithic", "tc_strang", "tc_gauss", "tc_gauss_adaptive", "tc_taylor", "gauss2")
-    for name in (*methods, "projected[method=gauss2]"):
+    for name in ("tc_monolithic", "tc_gauss", "tc_auto", "projected[method=midpoint_entropy]"):
         run = tcbench.simulate(name, scenario)
         assert run.ok and run.summary.energy_error_max < 1e-4, name

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 
 import tcbench
 from tcbench import Scenario, System
@@ -48,11 +49,8 @@ ONE, SMALL = (1.0,) * 5, (2.0**-20, 2.0**-12, 2.0**-10, 2.0**-20, 2.0**-10)
 PLAIN = pendulum(ONE)
 
 
-@pytest.mark.parametrize("beyond", [1e3, 1e5, -1e8, 1e8])
-@pytest.mark.parametrize("units", [ONE, SMALL])
-@pytest.mark.parametrize(
-    "method", ["solve_ivp_bdf", "solve_ivp_dop853", "tc_taylor", "controlled[method=tc_monolithic]"]
-)
+@pytest.mark.parametrize(("beyond", "units"), [(1e3, SMALL), (1e5, ONE), (-1e8, ONE), (1e8, SMALL)])
+@pytest.mark.parametrize("method", ["solve_ivp_bdf", "tc_taylor", "controlled[method=tc_monolithic]"])
 def test_an_energy_counted_from_elsewhere_costs_no_digits(method, units, beyond):
     """With 1e8 joules added a tolerance of 1e-6 let entropies miss 0.1 with status ok: 1e8 joules move them so far."""
     scenario, size = pendulum(units, beyond), np.array(units[:3])
@@ -64,7 +62,7 @@ def test_an_energy_counted_from_elsewhere_costs_no_digits(method, units, beyond)
     assert missed[1] < 20 * max(missed[0], 1e-6)
 
 
-@pytest.mark.parametrize("exponent", range(-60, 61, 12))
+@pytest.mark.parametrize("exponent", range(-60, 61, 24))
 def test_sizes_are_within_a_factor_of_32_of_the_unit(exponent):
     """A move that is short beside 1 showed no curvature where momenta are of 2^30: their size was 2^7 times that."""
     units = np.exp2(np.array([-20.0, 0.0, -5.0, 0.0, 0.0]) + [0.0, exponent / 2, 0.0, exponent, 0.0])
@@ -73,14 +71,14 @@ def test_sizes_are_within_a_factor_of_32_of_the_unit(exponent):
     assert (np.abs(off[~usual]) <= 5).all()
 
 
-@pytest.mark.parametrize("exponent", range(-50, -13, 4))
+@pytest.mark.parametrize("exponent", range(-50, -13, 12))
 def test_a_short_period_is_not_skipped(exponent):
     """Moves over many periods changed the energy little by chance: a size was 4 million periods."""
     scenario = pendulum((2.0**exponent, 1.0, 1.0, 1.0, 1.0))
     assert abs(np.log2(scenario.model.least[0]) - exponent) <= 5
 
 
-class Bonds(System):
+class Bonds(Mechanical):
     """Two bonds whose forces cancel at rest, in a mass between walls; their heat is in themselves, or in a bath."""
 
     name = "bonds_at_rest"
@@ -91,21 +89,14 @@ class Bonds(System):
         heat = self.own * np.exp(z.s - 0.3 * np.stack([z.q, -z.q])) + (1 - self.own) * z.s
         return z.p**2 / 2 + np.exp(-z.q) + np.exp(z.q) + heat.sum()
 
-    def entropy(self, z):
-        return z.s.sum()
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
         a, b = dE.s[0], dE.s[1]
         force = 0.1 * dE.p
         return {"p": -force, "s": np.stack([(b - a) / a + force * dE.p / a, (a - b) / b])}
 
 
-@pytest.mark.parametrize("own", [1.0, 0.0])
-@pytest.mark.parametrize("off", [1e-14, 1e-12, 1e-10, 1e-8])
-@pytest.mark.parametrize("method", ["tc_monolithic", "tc_gonzalez", "gauss3", "controlled"])
+@pytest.mark.parametrize(("off", "own"), [(1e-14, 1.0), (1e-12, 0.0), (1e-10, 1.0), (1e-8, 0.0)])
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_gonzalez", "controlled"])
 def test_a_start_next_to_rest_is_solved(method, off, own):
     """Its slopes are what is left of larger ones: sizes of 1e-23 were told from them, below all round-off, and no step
     of most methods converged."""

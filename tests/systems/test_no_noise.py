@@ -37,7 +37,7 @@ def noisy(kick, where):
     return Scenario("noisy", kind, {}, initial={"q": 1.0, "p": 0.0, "s": 0.0}, t_end=1.0, dt=0.1)
 
 
-@pytest.mark.parametrize("method", ["tc_monolithic", "tc_auto", "scipy_odeint"])
+@pytest.mark.parametrize("method", ["tc_monolithic", "scipy_odeint"])
 @pytest.mark.parametrize(("kind", "where"), [*((kind, "irreversible") for kind in NOISE), ("numpy", "energy")])
 def test_a_formula_that_changes_is_refused_wherever_it_is_used(kind, where, method):
     with pytest.raises(TcbenchError, match=rf"test_no_noise.py, line \d+: {where}\(\) of Noisy is not the same"):

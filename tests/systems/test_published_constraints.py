@@ -6,18 +6,11 @@ rigid_body_rotating_quaternion. The equations are written here anew; a heat bath
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 
 import tcbench
-from tcbench import Scenario, System, plugins
+from tcbench import Scenario, plugins
 from tcbench.reference.lookup import reference_for
-
-
-class Mechanical(System):
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
 
 class FourParticles(Mechanical):
@@ -85,9 +78,8 @@ PENDULUM = plugins.find_scenario("rods[n=1]").replace(
 
 
 @pytest.mark.parametrize("scenario", [PARTICLES, ROTOR, PENDULUM], ids=["four particles", "rotor", "pendulum"])
-@pytest.mark.parametrize("longer", [1, 100])
-def test_energy_momenta_and_constraints_to_round_off(scenario, longer):
-    run = tcbench.simulate("tc_monolithic", scenario, t_end=longer * scenario.t_end)
+def test_energy_momenta_and_constraints_to_round_off(scenario):
+    run = tcbench.simulate("tc_monolithic", scenario, t_end=100 * scenario.t_end)
     assert run.ok and np.abs(scenario.model.constraint_values(run.z)).max() < 1e-12
     assert run.summary.energy_error_max < 1e-12
     for values in run.invariants.values():

@@ -62,8 +62,8 @@ def test_every_seed_lies_within_the_documented_ranges(seed):
 
 def test_the_laws_of_the_numbers_are_the_documented_ones():
     """Kolmogorov's distance of 800 draws to each law: below 1.63/sqrt(n) with 99 %, and the seeds are fixed."""
-    made = [random(seed) for seed in range(400)]
-    limit = 1.63 / math.sqrt(800)
+    made = [random(seed) for seed in range(200)]
+    limit = 1.63 / math.sqrt(400)
 
     def distance(values, cumulative):
         x = np.sort(cumulative(np.ravel(values)))

@@ -3,7 +3,7 @@
 import mpmath as mp
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from states import admissible_states
 
@@ -61,6 +61,7 @@ def plain_field(z):
     return np.concatenate([z[4:6] / m.masses[0], z[6:8] / m.masses[1], force[1] - force[0], -force[1], ds])
 
 
+@settings(max_examples=25)
 @given(admissible_states())
 def test_energy_and_its_gradient_agree_with_the_printed_formula_and_complex_step(y):
     z = np.asarray(MODEL.entropy_variables(y))
@@ -68,6 +69,7 @@ def test_energy_and_its_gradient_agree_with_the_printed_formula_and_complex_step
     assert np.allclose(MODEL.gradient(z), complex_step(plain_energy, z), rtol=1e-11, atol=1e-11)
 
 
+@settings(max_examples=25)
 @given(admissible_states())
 def test_vector_field_and_jacobian_agree_with_the_printed_equations_and_complex_step(y):
     z = np.asarray(MODEL.entropy_variables(y))
@@ -76,6 +78,7 @@ def test_vector_field_and_jacobian_agree_with_the_printed_equations_and_complex_
     assert np.allclose(MODEL.jacobian(z), complex_step(plain_field, z), rtol=1e-10, atol=1e-12 * scale)
 
 
+@settings(max_examples=25)
 @given(admissible_states())
 def test_change_to_temperature_variables_and_back_is_the_identity(y):
     z = MODEL.entropy_variables(y)
@@ -87,6 +90,7 @@ def test_change_to_temperature_variables_and_back_is_the_identity(y):
     assert np.allclose(MODEL.temperature_field(y), change / (2 * step), rtol=1e-6, atol=1e-5 * max(1.0, scale))
 
 
+@settings(max_examples=25)
 @given(admissible_states())
 def test_forces_at_temperatures_are_those_at_their_entropies(y):
     expected = -MODEL.gradient(MODEL.entropy_variables(y))[:4]
@@ -124,6 +128,7 @@ def test_a_temperature_is_not_taken_for_an_entropy(scenario):
     assert np.array_equal(tcbench.simulate(right, scenario, dt=0.1, t_end=0.1).z, rate.z)
 
 
+@settings(max_examples=25)
 @given(admissible_states(), admissible_states())
 def test_directionality_discrete_gradient_reproduces_energy_differences(y0, y1):
     z0, z1 = np.asarray(MODEL.entropy_variables(y0)), np.asarray(MODEL.entropy_variables(y1))
@@ -171,6 +176,7 @@ def assembled(z0, z1, slopes):
     return np.array([float(v) for v in [*q1, *q2, *p, theta_a, theta_b]])
 
 
+@settings(max_examples=25)
 @given(admissible_states(), admissible_states())
 def test_discrete_gradient_agrees_with_plain_quotients_at_large_increments(y0, y1):
     z0, z1 = np.asarray(MODEL.entropy_variables(y0)), np.asarray(MODEL.entropy_variables(y1))
@@ -183,6 +189,7 @@ DIRECTIONS = st.lists(
 )
 
 
+@settings(max_examples=25)
 @given(admissible_states(), DIRECTIONS, st.integers(1, 14))
 def test_discrete_gradient_keeps_its_digits_down_to_increments_of_1e_14(y0, direction, exponent):
     z0 = np.asarray(MODEL.entropy_variables(y0))
@@ -193,12 +200,14 @@ def test_discrete_gradient_keeps_its_digits_down_to_increments_of_1e_14(y0, dire
     assert np.allclose(MODEL.discrete_gradient(z0, z1), expected, rtol=1e-13, atol=1e-12)
 
 
+@settings(max_examples=25)
 @given(admissible_states())
 def test_discrete_gradient_at_no_increment_is_the_gradient(y):
     z = MODEL.entropy_variables(y)
     assert np.allclose(MODEL.discrete_gradient(z, z), MODEL.gradient(z), rtol=1e-12, atol=1e-12)
 
 
+@settings(max_examples=25)
 @given(st.floats(100, 900), st.floats(100, 900))
 def test_friction_is_symmetric_semidefinite_degenerate_and_gives_the_conduction(a, b):
     theta = np.array([a, b])

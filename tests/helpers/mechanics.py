@@ -1,0 +1,22 @@
+"""What small systems of tests have in common: a position, its momentum, an entropy, and friction that warms."""
+
+import numpy as np
+
+from tcbench import System
+
+
+class Mechanical(System):
+    """A subclass writes its energy, and what dissipates."""
+
+    variables = {"q": (), "p": (), "s": ()}
+
+    def entropy(self, z):
+        return np.sum(z.s)
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+
+def rubbed(force, dE):
+    """The rates of friction with this force, whose work warms the entropy beside each momentum."""
+    return {"p": -force, "s": force * dE.p / dE.s}
