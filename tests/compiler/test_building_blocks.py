@@ -6,7 +6,6 @@ import pytest
 import tcbench
 from tcbench import Integrator
 from tcbench.building_blocks import directional, divided_difference, divided_differences, log1p_ratio, phi
-from tcbench.compiler import kernels
 from tcbench.errors import TraceError
 
 STEPS = [0.0, 1e-300, 1e-12, -1e-8, 1e-3, 0.7, -0.4]
@@ -91,26 +90,6 @@ def test_a_function_of_arrays_is_of_each_entry_alone():
     ):
         with pytest.raises(TraceError, match=told):
             divided_differences(function, (x0, y0), (x1, y1))
-
-
-def test_many_entries_have_one_kernel(monkeypatch):
-    """Of a thousand constants each was a formula of its own: ten seconds of compiling."""
-    made, real = [], kernels.kernel
-    monkeypatch.setattr(kernels, "kernel", lambda x, outputs: made.append(outputs) or real(x, outputs))
-    c, a, b = 1 + np.arange(300) / 100, np.linspace(1, 2, 300), np.linspace(2, 1, 300)
-    found = divided_difference(lambda s: s**3 + 0.8125 * s, a, b)  # 0.8125: no other test has made this kernel
-    assert np.allclose(found, a * a + a * b + b * b + 0.8125, rtol=1e-14)
-    assert [len(outputs) for outputs in made] == [1]
-    found = divided_difference(lambda s: np.exp(s / c) + s.T * c, a, b)
-    assert np.allclose(found * (b - a), np.exp(b / c) - np.exp(a / c) + (b - a) * c, rtol=1e-12)
-    # not 300: one of 1.0, which is no factor, and of others by what stands first in a product, x or a constant that
-    # some other trace has known before
-    assert all(len(outputs) == 1 for outputs in made) and 3 <= len(made) <= 6
-    grid = a[:, None] + b[:3]
-    assert np.array_equal(divided_difference(lambda s: s * c[:3], grid, 2 * grid), np.ones((300, 1)) * c[:3])
-    for function in (lambda s: s * s.mean(), lambda s: s * s[::-1], lambda s: s + s.T, lambda s: s - np.cumsum(s)):
-        with pytest.raises(TraceError, match=r"mixes entries|shape"):
-            divided_difference(function, grid[:3], 2 * grid[:3])
 
 
 def test_gonzalez_of_the_whole_state_keeps_the_energy_and_stands_still_where_nothing_moves():

@@ -10,7 +10,6 @@ import tcbench
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.chain_rule import discrete_gradient, gradient
 from tcbench.compiler.kernels import kernel
-from tcbench.errors import TraceError
 
 FUNCTIONS = {  # numpy's, mpmath's, where x is taken from [-1, 1] to
     "exp": (np.exp, mpmath.exp, lambda x: 3 * x),
@@ -112,25 +111,6 @@ def test_many_variables():
         reverse, forward = np.split(plain(start, start), 2)
         assert still == pytest.approx(forward, rel=1e-13, abs=1e-14)
         assert reverse == pytest.approx(forward, rel=1e-13, abs=1e-14)
-
-
-def test_what_has_no_rule_is_named():
-    x = trace.variable("x")
-    with pytest.raises(TraceError, match=r"'max'.*no divided-difference rule"):
-        discrete_gradient(trace.maximum(x, trace.const(0.0)), [x], [x], [x])
-
-
-def test_powers_of_products_with_exponentials_become_one():
-    """Also where the rest of the product has factors that are negative; others stay as they are."""
-    for f, powers in [
-        (lambda x, y: (np.exp(x) / (y + 4.0)) ** (2 / 3), 0),
-        (lambda x, y: (x * np.exp(y) * (x - 5.0) * np.exp(x)) ** 0.3, 0),
-        (lambda x, y: (x * (x - 5.0)) ** 0.3, 1), (lambda x, y: (np.exp(x) * (y - 9.0)) ** 3, 0),
-    ]:  # fmt: skip
-        x, y = trace.variables("x", 2)
-        assert sum(node.op == "pow" for node in trace.topological([f(x, y)])) == powers
-        (found,) = kernel({x: "a[0]", y: "a[1]"}, [f(x, y)])(np.array([-0.7, 0.4]), np.zeros(1))
-        assert np.isfinite(found) and found == pytest.approx(f(-0.7, 0.4), rel=1e-14)
 
 
 def test_discrete_gradients_of_elements_are_those_of_the_simplified_formula():

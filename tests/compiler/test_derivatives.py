@@ -12,9 +12,6 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler import kernels as emit
 from tcbench.errors import TraceError
 
-UNARY = {"exp": np.exp, "log": np.log, "sqrt": np.sqrt, "expm1": np.expm1, "log1p": np.log1p, "sin": np.sin,
-         "cos": np.cos, "tanh": np.tanh}  # fmt: skip
-
 
 def evaluate(outputs, inputs, values):
     """Run the printed kernel on complex numbers: what complex step needs, and independent of LLVM."""
@@ -77,21 +74,6 @@ def test_traced_values_and_derivatives_agree_with_numpy_and_complex_step(formula
         shifted = [complex(v, step if i == k else 0.0) for k, v in enumerate(values)]
         derivative = evaluate([f], x, shifted)[0].imag / step
         assert traced[1 + i].real == pytest.approx(derivative, rel=1e-10, abs=1e-10)
-
-
-def test_marks_change_how_derivatives_are_accumulated_and_not_their_values():
-    x = trace.variables("x", 3)
-
-    def formula(mark):
-        radius = mark(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-        stress = mark(radius.log() / radius)
-        return [stress * x[i] for i in range(3)]
-
-    plain = trace.jacobian(formula(lambda s: s), list(x)).ravel()
-    marked = trace.jacobian(formula(trace.mark), list(x)).ravel()
-    values = [complex(v) for v in (0.3, 0.7, 1.1)]
-    assert np.allclose(evaluate(list(plain), x, values), evaluate(list(marked), x, values), rtol=1e-13, atol=0)
-    assert len(trace.topological(list(marked))) < len(trace.topological(list(plain)))
 
 
 def test_increments_and_midpoints_are_taken_from_the_unknown_not_from_a_difference():

@@ -95,16 +95,6 @@ def test_code_that_lacks_a_function_is_refused_never_called(cache):
         machine.addresses(["kernel", "other"], lambda: _code(TEXT))
 
 
-def test_what_is_kept_under_its_key_is_not_translated_again(cache):
-    folder, made = cache
-    texts = []
-    for by in ("one", "one", "another", "one"):
-        address = machine.load(TEXT, lambda text: texts.append(text) or _code(text), by=by)
-        evaluate(address, np.ones(1), np.ones(1), np.zeros(3))
-        machine._LOADED.clear()
-    assert len(made) == len(texts) == len(list(folder.iterdir())) == 2
-
-
 WAY = {"integrator": "tc_strang", "scenario": "short_term", "t_end": 6.0}
 CODE = f"""import tcbench; from tcbench.compiler import machine
 print(*machine.target()[:1], *(x.hex() for x in tcbench.simulate(**{WAY}).z[-1]))

@@ -5,9 +5,7 @@ import pytest
 
 import tcbench
 from tcbench import Flow, Integrator
-from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import is_array
-from tcbench.compiler.normal_rows import normalised
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.simulation.run import simulate
 
@@ -99,24 +97,3 @@ def test_mixtures_of_rows_are_taken_apart(seed):
     found = run(lambda *step: mixture @ np.asarray(plain(*step)), scenario, 0.1, 2.0)
     assert found.ok and np.abs(found.z - known.z).max() < 1e-12
     assert found.solver.retried == found.solver.tracked == found.solver.arcs == 0
-
-
-def test_rows_that_are_in_order_stay_as_they_are_and_others_become_them():
-    h, (x, y) = trace.variable("h"), trace.variables("d", 2)
-    rows = [trace.sub(x, trace.mul(h, y.exp())), trace.sub(y, trace.mul(h, x.exp()))]
-    with trace.tracing(dict(trace_table())):
-        assert [r.number for r in normalised(rows, [x, y], h)] == [r.number for r in rows]
-        swapped = [-(rows[1] * 3.0), rows[0] / h]
-        assert [r.number for r in normalised(swapped, [x, y], h)] == [r.number for r in rows]
-
-
-def test_where_a_row_says_nothing_at_h_0_all_stay_as_they_are():
-    h, (x, y) = trace.variable("h"), trace.variables("d", 2)
-    rows = [x + y, h * (x - y.exp()) + x + y]
-    assert normalised(rows, [x, y], h)[0] is rows[0]
-
-
-def trace_table():
-    from tcbench.compiler.symbols import expressions
-
-    return expressions()

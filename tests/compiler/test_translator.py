@@ -232,21 +232,6 @@ def test_numbers_of_32_bits_are_widened_where_they_are_read():
         Short(n=3, where=np.arange(3))
 
 
-def test_the_memory_of_a_record_is_used_again():
-    part = Part(n=3, weight=0.5, wanted=True)
-    own, other = part.x, np.arange(3.0)
-    part.x[:], part.grid[:] = 1.0, 2.0
-    part.clear()
-    assert part.x is own and not part.x.any() and not part.grid.any() and (part.n, part.weight) == (3, 0.5)
-    part.x[:], part.weight = 5.0, 2.0
-    whole = Whole(parts=Rows([part]), n_parts=1, tally=Tally(), marks=np.zeros(1, dtype=np.int64))
-    assert LIBRARY.records(whole, 1.0) == 6 * 7.0
-    part.lend("x", other)
-    assert LIBRARY.records(whole, 1.0) == 6 * 2.0 and part.x is other
-    part.clear()
-    assert other.tolist() == [2.0, 3.0, 4.0] and not own.any()  # what was lent is not the record's
-
-
 def test_records_say_what_does_not_fit():
     with pytest.raises(TypeError, match=r"x has shape \(2,\), declared is \(3,\)"):
         Part(n=3, weight=1.0, wanted=True, x=np.zeros(2))
@@ -310,12 +295,3 @@ def test_what_is_not_translated_is_refused_with_function_line_and_text(what, tmp
     with pytest.raises(TranslationError, match=why) as caught:
         Module().function(module.f)
     assert "texts.py, line " in str(caught.value) and ("f()" in str(caught.value) or "g()" in str(caught.value))
-
-
-def test_a_library_names_what_it_has_and_is_compiled_once(monkeypatch):
-    with pytest.raises(AttributeError, match="has no function 'nothing'"):
-        LIBRARY.nothing  # noqa: B018
-    assert LIBRARY.ways_out(3, 0) == ways_out(3, 0)
-    again = Library("tests of the translator", *LIBRARY.functions)
-    monkeypatch.setattr(Library, "code", None)  # from the cache: nothing is translated
-    assert again.ways_out(3, 0) == ways_out(3, 0)

@@ -1,4 +1,4 @@
-"""Ten systems whose invariants are not quadratic, or whose energy is not written in invariants; and one whose are."""
+"""Eight systems whose invariants are not quadratic, or whose energy is not written in invariants; and one whose are."""
 
 import numpy as np
 
@@ -152,30 +152,6 @@ class Arms(System):
         return {"spin": z.q[0] * z.p[1] - z.q[1] * z.p[0] + z.l}
 
 
-class Toda(System):
-    """Three masses on a ring with exponential springs; one more integral, of degree 3 in the momenta."""
-
-    name = "toda"
-    variables = {"q": (3,), "p": (3,), "s": ()}
-
-    def energy(self, z):
-        return z.p @ z.p / 2 + self.springs(z).sum() + np.exp(z.s)
-
-    def springs(self, z):
-        a, b, c = z.q
-        return np.array([np.exp(a - b), np.exp(b - c), np.exp(c - a)])
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
-    def invariants(self, z):
-        (a, b, c), (x, y, w) = z.p, self.springs(z)
-        return {"sum": a + b + c, "cubic": a * b * c - a * y - b * w - c * x}
-
-
 class AngleBeam(System):
     """A beam in the plane, whose strains are written with the angles of its sections; they rub, and conduct."""
 
@@ -211,37 +187,6 @@ class AngleBeam(System):
         return {"spin": (x * v - y * u).sum() + z.l.sum(), "push_x": u.sum(), "push_y": v.sum()}
 
 
-class Solid(System):
-    """Corotational triangles in the plane: strains are entries of F, turned back by the angle of its rotation."""
-
-    name = "solid"
-    variables = {"q": ("node", 2), "p": ("node", 2), "s": ("triangle",)}
-    tables = {"corners": ("triangle", 3, "node")}
-    constants = {"mass": ("node",), "area": ("triangle",), "shape": ("triangle", 2, 2)}
-
-    def energy(self, z):
-        x = z.q[self.corners]
-        one, two, D = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], self.shape
-        a, b = (one * D[:, 0, 0][:, None] + two * D[:, 1, 0][:, None]).T
-        c, d = (one * D[:, 0, 1][:, None] + two * D[:, 1, 1][:, None]).T
-        r = np.sqrt((a + d) ** 2 + (b - c) ** 2)
-        cos, sin = (a + d) / r, (b - c) / r
-        xx, yy, xy = cos * a + sin * b - 1, cos * d - sin * c - 1, cos * c + sin * d
-        stored = 10 * (xx**2 + yy**2 + 2 * xy**2) + 5 * (xx + yy) ** 2
-        heat = np.exp(z.s / self.area - 0.1 * (xx + yy)) - 1 + 0.1 * (xx + yy)
-        return (z.p**2 / (2 * self.mass[:, None])).sum() + (self.area * (stored + heat)).sum()
-
-    def entropy(self, z):
-        return z.s.sum()
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
-    def invariants(self, z):
-        (x, y), (u, v) = z.q.T, z.p.T
-        return {"spin": (x * v - y * u).sum(), "push_x": u.sum(), "push_y": v.sum()}
-
-
 def one(name, system, constants, initial, t_end=10.0, dt=0.1):
     return Scenario(name, system, constants, initial=initial, t_end=t_end, dt=dt, shows="", source="")
 
@@ -258,22 +203,6 @@ def beam(n=10):
     )  # fmt: skip
 
 
-def solid(n=4):
-    i, j = (x.ravel() for x in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    number = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (x.ravel() for x in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    corners = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    x = np.stack([i, j], axis=1) / (n - 1)
-    sides = np.stack([x[corners[:, 1]] - x[corners[:, 0]], x[corners[:, 2]] - x[corners[:, 0]]], axis=1)
-    area, mass = np.full(len(corners), 0.5 / (n - 1) ** 2), np.full(n * n, 1.0 / (n * n))
-    middle = x - 0.5
-    v = 0.5 * np.stack([-middle[:, 1], middle[:, 0]], axis=1) + middle**2
-    return one(
-        "solid", Solid, {"corners": corners, "mass": mass, "area": area, "shape": np.linalg.inv(sides)},
-        {"q": x, "p": mass[:, None] * v, "s": 0.1 * area * (np.arange(len(corners)) % 2)}, t_end=0.5, dt=0.01,
-    )  # fmt: skip
-
-
 LOST = [  # by tc_monolithic
     one("charge", Charge, {}, {"q": [1.0, 0.2], "v": [0.3, 0.8], "s": 0.0}),
     one("attitude", Attitude, {"inertia": (1.0, 2.0, 3.0)}, {"e": [1.0, 0, 0, 0], "m": [0.3, 1.5, 0.4], "s": 0.0}),
@@ -281,8 +210,6 @@ LOST = [  # by tc_monolithic
     one("arms", Arms, {"k": 5.0}, {"q": [1.2, 0.1], "phi": 0.3, "p": [0.1, 0.7], "l": -0.2, "s": 0.0}),
     one("kepler", Kepler, {}, {"q": [1.0, 0.0], "p": [0.0, 1.2], "s": 0.0}),
     one("hypot", Hypot, {}, {"q": [1.2, 0.3], "p": [0.1, 0.9], "s": 0.0}),
-    one("toda", Toda, {}, {"q": [0.1, -0.3, 0.2], "p": [0.5, -0.7, 0.4], "s": 0.0}),
     beam(),
-    solid(),
 ]
 KEPT = one("relativistic", Relativistic, {}, {"q": [1.2, 0.3], "p": [0.1, 0.9], "s": 0.0})

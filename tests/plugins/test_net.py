@@ -9,22 +9,6 @@ from tcbench_plugins.net.net import net
 import tcbench
 from tcbench.plugins import find_scenario
 
-from ..helpers.plain_net import PlainNet
-
-FIVE = ["tc_monolithic", "tc_staggered", "tc_strang", "midpoint_entropy", "midpoint_temperature"]
-
-
-@pytest.mark.parametrize("method", FIVE)
-def test_states_are_those_of_plain_numpy(method):
-    scenario = net(3, 3)
-    plain = PlainNet(3, 3, scenario.constants, scenario.model.anchors)
-    run = tcbench.simulate(method, scenario, dt=0.1, t_end=1.0)
-    assert run.ok and run.steps == 10 and "loops" in run.solver.way
-    z = np.array(scenario.z0)
-    for expected in run.z[1:]:
-        z = plain.step(method, z, 0.1)
-        assert np.abs(z - expected).max() < 1e-12 * np.abs(z).max()
-
 
 @pytest.mark.parametrize(
     ("method", "size"), [("tc_strang", (2, 2)), ("tc_monolithic", (7, 7)), ("tc_staggered", (12, 20)),

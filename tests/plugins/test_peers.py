@@ -2,12 +2,11 @@
 
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
 from spread import spread
-from tcbench_plugins import peers_cvode, peers_pydiffsol
+from tcbench_plugins import peers_pydiffsol
 from tcbench_plugins.chain.chain import chain
 
 import tcbench
@@ -67,37 +66,9 @@ def test_a_failed_solver_is_a_row():
     assert run.status == "nonconverged" and "dop853" in run.failure
 
 
-@pytest.mark.parametrize("name", ["dopri5", "dop853"])
-def test_a_solver_of_scipys_ode_evaluates_no_more_here_than_in_a_plain_loop(name):
-    from scipy.integrate import ode
-
-    scenario, times = tcbench.scenarios()["bound_equilibrium"], np.linspace(0.0, 100.0, 21)
-    field = Field(scenario.model)
-    solver = ode(field.shared).set_integrator(name, rtol=1e-6, atol=1e-6, nsteps=10_000_000)
-    solver.set_initial_value(scenario.z0.copy(), 0.0)
-    own = [scenario.z0]
-    for t in times[1:]:  # a generator would make dop853 evaluate more
-        own.append(solver.integrate(t).copy())
-    method = tcbench.integrators()[f"scipy_{name}"]
-    states, counts = method.adaptive(scenario.model, scenario.z0.copy(), times, 1e-6, 1e-6)
-    assert np.array_equal(states, own)
-    if name == "dopri5":  # how often dop853 evaluates depends on what is left on the stack of C (SciPy 1.17)
-        assert counts["rhs_evaluations"] == field.evaluations
-
-
 def test_a_lost_run_of_an_implicit_solver_ends_as_scipy_ends_it():
     run = tcbench.simulate("solve_ivp_bdf", "gas_containers", tolerance=0.1)
     assert run.status == "nonconverged" and "solve_ivp BDF: array must not contain infs or NaNs" in run.failure
-
-
-def test_cvode_is_quiet_of_its_pattern_and_of_nothing_else(monkeypatch):
-    """It silenced every thread while it was made, and for good where two threads did so: before Python 3.14."""
-    pytest.importorskip("sksundae")
-    made = peers_cvode.jacobian
-    monkeypatch.setattr(peers_cvode, "jacobian", lambda *a: warnings.warn("of others", stacklevel=1) or made(*a))
-    with pytest.warns(UserWarning) as heard:
-        assert tcbench.simulate("cvode", chain(8), t_end=0.01, tolerance=1e-3).ok
-    assert {str(w.message) for w in heard} == {"of others"}
 
 
 def test_the_field_has_the_systems_rate_and_jacobian():

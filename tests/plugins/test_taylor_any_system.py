@@ -10,13 +10,9 @@ from random_laws import GENERAL, QUICK, assert_laws_of_any, random_start
 from scipy.integrate import solve_ivp
 from tcbench_plugins.tc_taylor import damping, lanes, texts
 from tcbench_plugins.tc_taylor.method import TaylorMethod
-from tcbench_plugins.tc_taylor.rates import Factored, of_any, operations, rates
-from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import series_kernels
 
 import tcbench
-from tcbench.compiler import derivatives as trace
-from tcbench.compiler.array_states import entries
 from tcbench.compiler.kernels import kernel, namespace
 
 ORDER = 10
@@ -67,22 +63,6 @@ def test_errors_follow_the_tolerance(name):
 @given(st.sampled_from(QUICK), st.integers(0, 2**32), st.sampled_from((-4, -8)), st.floats(0, 3))
 def test_every_law_holds_from_random_states_whatever_dissipates(name, seed, exponent, stiffer):
     assert_laws_of_any("tc_taylor", name, seed, 10.0**exponent, 10.0**stiffer, 0.02)
-
-
-def test_multiples_of_a_quotient_are_one_series_and_invariants_none():
-    """The force between two masses is on both; |g|^2 of the top is what it was."""
-    found = {
-        name: lanes.reachable(rates(tcbench.scenarios()[name].model)[1]) for name in ("viscous_pendulum", "heavy_top")
-    }
-    assert sum(x.kind == "quotient" for x in found["viscous_pendulum"]) == 6
-    assert [len(x.parts) for x in found["heavy_top"] if x.constant] == [3]
-
-
-def test_what_sums_have_in_common_is_taken_out_where_that_saves_much():
-    body = tcbench.scenarios()["rigid_body"].model.symbolic
-    z = body.state(trace.variables("z", body.size))
-    found = [of_any(body, z, form(entries(z))) for form in (Normal, Factored)]
-    assert operations(found[1]) < 0.7 * operations(found[0])
 
 
 @pytest.mark.parametrize("order", damping.DAMPED)
@@ -146,46 +126,3 @@ def test_what_cancels_is_a_constant():
     scenario = tcbench.Scenario("c", Cancels, {"sites": 2}, initial={"a": 1, "b": 0.1, "u": 1}, t_end=2, dt=0.1)
     ends = [tcbench.simulate(method, scenario, tolerance=1e-11).z[-1] for method in ("tc_taylor", "solve_ivp_dop853")]
     assert ends[0] == pytest.approx(ends[1], rel=1e-9)
-
-
-class Vortices(tcbench.System):
-    """Three vortices in the plane that drift along the slope of their energy, which becomes heat."""
-
-    variables = {"x": (3,), "y": (3,), "s": ()}
-    constants = {"strength": (3,), "drift": ()}
-    positive = ("strength",)
-
-    def energy(self, z):
-        pairs = ((0, 1), (1, 2), (2, 0))
-        logs = [np.log((z.x[i] - z.x[j]) ** 2 + (z.y[i] - z.y[j]) ** 2) for i, j in pairs]
-        return np.exp(z.s) - sum(
-            self.strength[i] * self.strength[j] * log for (i, j), log in zip(pairs, logs, strict=True)
-        )
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"x": dE.y / self.strength, "y": -dE.x / self.strength}
-
-    def irreversible(self, z, dE, dS):
-        return {"x": -self.drift * dE.x, "y": -self.drift * dE.y,
-                "s": self.drift * (dE.x @ dE.x + dE.y @ dE.y) / dE.s}  # fmt: skip
-
-    def temperature(self, z, dE, dS):
-        return dE.s
-
-
-def test_what_rates_divide_by_the_same_is_divided_once(monkeypatch):
-    """Both motions of a vortex are of (x_i - x_j)/r^2 and (y_i - y_j)/r^2 for three pairs, with weights of their own;
-    and what belongs to a pair stands in a lane of its own, which needs no shuffling."""
-    monkeypatch.setattr(lanes, "WIDTH", 4)  # of processors that have such vectors
-    scenario = tcbench.Scenario(
-        "three_vortices", Vortices, {"strength": [1, 2, 1.5], "drift": 0.02},
-        initial={"x": [0, 1, 0.3], "y": [0, 0.1, 0.9], "s": 0.1}, t_end=1, dt=0.1,
-    )  # fmt: skip
-    variables, rate = rates(scenario.model)
-    quotients = [x for x in lanes.reachable(rate) if x.kind == "quotient"]
-    assert len(quotients) == 7  # one is of the heat
-    home = lanes.Packs(dict(enumerate(rate)), variables).home
-    assert sorted(len(home[id(x)][0]) for x in quotients) == [1, *[3] * 6]

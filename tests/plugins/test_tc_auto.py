@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_laws import GENERAL, QUICK, assert_laws, assert_laws_of_any, random_start
+from random_laws import QUICK, assert_laws, assert_laws_of_any, random_start
 from states import admissible_states
 from tcbench_plugins.tc_auto import BothMethods, adaptive, chosen
-from tcbench_plugins.tc_gauss import march
-from tcbench_plugins.tc_gauss.method import held
 
 import tcbench
 from tcbench.plugins import find_scenario
@@ -70,46 +68,10 @@ def test_it_goes_to_and_fro_as_stiffness_comes_and_goes():
     assert explicit > 100 and implicit > 30 and cost["newton_iterations"] < alone["newton_iterations"]
 
 
-@pytest.mark.parametrize("conductivity", [15.0, 50.0])
-def test_a_run_too_short_for_what_a_trial_takes_makes_none(conductivity):
-    """Conduction bounds its steps; a trial of collocation, in vain, took a fifth of its time."""
-    scenario = tcbench.scenarios()["gas_containers"].replace(conductivity=conductivity)
-    for tolerance in (1e-3, 1e-6, 1e-9):
-        methods = BothMethods(scenario.model, *chosen(tolerance))
-        methods.adaptive(scenario.z0, np.array([0.0, 25.0]), tolerance)
-        assert methods.gauss.counts.iterations == 0
-
-
-def test_explicit_steps_that_go_on_where_conduction_is_stiff_are_damped():
-    """Collocation, which is tried once, does not pay: oscillations would bound its steps, too."""
-    scenario = tcbench.scenarios()["gas_containers"]
-    implicit, explicit = shares(scenario.replace(conductivity=1e3 * scenario.constants["conductivity"]), 1e-5)
-    assert implicit <= 8 and 100 < explicit < 700  # of 1,040 undamped ones
-
-
 @settings(max_examples=30)
 @given(admissible_states(), st.sampled_from([-9.0, -6.0, -3.0]), st.floats(-1, 3))
 def test_every_law_holds_from_random_states_whatever_conducts(state, exponent, conductivity):
     assert_laws("tc_auto", state, 10.0**conductivity, 10.0**exponent)
-
-
-def test_output_times_are_hit():
-    scenario = tcbench.scenarios()["stiff_spring"]
-    times = np.linspace(0.0, 2.0, 41)
-    many, _ = adaptive(scenario.model, scenario.z0, times, 1e-9, 1e-9)
-    few, _ = adaptive(scenario.model, scenario.z0, times[[0, 20, 40]], 1e-9, 1e-9)
-    assert many.shape == (41, 10) and np.abs(many[[20, 40]] - few[1:]).max() < 1e-6
-
-
-def test_an_attempt_is_given_up_when_it_owes_what_it_may():
-    scenario = tcbench.scenarios()["cold_spring"]
-    gauss = BothMethods(scenario.model, *chosen(1e-7)).gauss
-    states = np.empty((2, len(scenario.z0)))
-    for owed in (5.0, 9.0):
-        march.begin(gauss.work, scenario.z0)
-        gauss.work.budget[:2] = 0.0, owed
-        row, t, _ = march.advance(gauss.work, END, *held(gauss.stages, 1e-7), states, 1, 0.0, 0.5)
-        assert row == 1 and t == 0.0 and gauss.counts.iterations == owed + 1  # an attempt at 0.5 would take some fifty
 
 
 @settings(max_examples=20)
@@ -130,12 +92,6 @@ def test_a_general_system_that_dissipates_fast_is_left_to_collocation_once_it_is
     assert np.max(abs(found[-1] - explicit_alone[0][-1])) <= 1e-4 * (1 + abs(found[-1]).max())
 
 
-def test_of_a_general_system_stiff_steps_before_the_look_at_it_count():
-    reaction = find_scenario("reaction").replace(speed=70.0)
-    implicit, explicit = shares(reaction, 1e-6)
-    assert implicit > 0 and explicit <= 20  # the leg of 16 and one more; 24 when eight had to follow
-
-
 @pytest.mark.parametrize("name", QUICK)
 def test_a_general_system_as_it_ships_is_left_to_the_series_and_never_interrupted(name):
     scenario = tcbench.scenarios()[name]
@@ -145,17 +101,6 @@ def test_a_general_system_as_it_ships_is_left_to_the_series_and_never_interrupte
     found, alone = (tcbench.integrators()[x].adaptive(scenario.model, scenario.z0, end, 1e-6, 1e-6)[0]
                     for x in ("tc_auto", "tc_taylor"))  # fmt: skip
     assert np.array_equal(found, alone) or name == "reaction"  # which is long enough for one
-
-
-@pytest.mark.parametrize("name", ["stiff_spring", "reaction"])
-def test_a_run_does_not_see_what_another_left_in_its_memory(name):
-    scenario = random_start(name, 0, 1000) if name in GENERAL else tcbench.scenarios()[name]
-    end = np.array([0.0, 0.1 * scenario.t_end])
-    methods = BothMethods(scenario.model, *chosen(1e-5))
-    first, _ = methods.adaptive(scenario.z0, end, 1e-5)
-    methods.adaptive(first[-1], 3.0 * end, 1e-4)
-    again, _ = methods.adaptive(scenario.z0, end, 1e-5)
-    assert np.array_equal(first, again)
 
 
 @pytest.mark.parametrize("name", ["cells", pytest.param("chain", marks=pytest.mark.slow)])

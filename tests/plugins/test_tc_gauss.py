@@ -149,25 +149,6 @@ def test_adaptive_steps_on_systems_with_other_numbers_of_elements(elements, k):
     assert np.all(np.diff([z[2 * system.n_positions :].sum() for z in rough]) >= -1e-13)
 
 
-@pytest.mark.parametrize("scenario", ["stiff_spring", "gas_containers"])
-def test_marching_is_stepping(scenario):
-    scenario = tcbench.scenarios()[scenario]
-    method, z, h = GaussMethod(scenario.model, 3), scenario.z0, scenario.dt / 5
-    for dz in method.march(z, h, 30):
-        expected = method.increments(z, h)
-        np.testing.assert_allclose(dz, expected, rtol=1e-10, atol=1e-12)
-        z = z + expected
-
-
-def test_where_the_fixed_point_fails_newton_and_halving_take_over():
-    scenario = tcbench.scenarios()["stiff_spring"]
-    method = GaussMethod(scenario.model, 3)
-    dz = method.increments(scenario.z0, 1.2)
-    assert method.counts.newtons + method.counts.halved > 0
-    E = scenario.model.energy
-    assert abs(E(scenario.z0 + dz) - E(scenario.z0)) <= 1e-12 * scenario.initial_exergy
-
-
 def test_a_step_without_a_root_is_an_error_that_becomes_a_row():
     scenario = tcbench.scenarios()["short_term"]
     with pytest.raises(ArithmeticError, match="no solution"):

@@ -70,14 +70,6 @@ def test_what_was_too_long_once_is_not_for_long(name, stiffer, tolerance, most):
     assert np.mean([solve(scenario.model, scenario.z0, span, x, x)[1]["steps"] for x in tolerances]) < most
 
 
-def test_what_a_step_was_is_no_part_of_the_next():
-    """Increments are those of a fresh workspace, whatever was stepped before."""
-    scenario = SCENARIOS["heavy_top"]
-    used, fresh = (GaussMethod(scenario.model, 2) for _ in range(2))
-    used.adaptive(scenario.z0, np.array([0.0, 3.0]), 1e-6)
-    assert np.array_equal(used.increments(scenario.z0, 0.3), fresh.increments(scenario.z0, 0.3))
-
-
 def test_a_large_system_is_refused_in_a_sentence():
     class Many(System):
         name = "many"

@@ -7,11 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_laws import assert_laws
 from states import admissible_states
-from tcbench_plugins.tc_taylor import lanes, march
-from tcbench_plugins.tc_taylor.march import step_length
+from tcbench_plugins.tc_taylor import lanes
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.on_arrays import Coefficients
-from tcbench_plugins.tc_taylor.rates import Apart, Factored, rates
+from tcbench_plugins.tc_taylor.rates import Apart, Factored
 from tcbench_plugins.tc_taylor.recurrences import Writer
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import may_go_ahead, series_kernels, written
@@ -170,17 +169,6 @@ def test_lanes_change_nothing_but_round_off_and_plain_python_agrees(name, monkey
         assert np.all(abs(other - found[0]) <= 1e-12 * largest)
 
 
-def test_equal_springs_and_both_directions_are_lanes_of_one_vector(monkeypatch):
-    monkeypatch.setattr(lanes, "WIDTH", 4)  # of processors that have such vectors
-    variables, rate = rates(tcbench.scenarios()["bound_equilibrium"].model)
-    packs = lanes.Packs(dict(enumerate(rate)), variables)
-    widths = {}
-    for x in lanes.reachable([*variables, *rate]):
-        if id(x) in packs.home:
-            widths.setdefault(x.kind, set()).add(len(packs.home[id(x)][0]))
-    assert widths == {"var": {4, 2}, "product": {4, 2}, "quotient": {2}, "log": {2}}
-
-
 @settings(max_examples=30)
 @given(admissible_states(), st.sampled_from([-12, -8, -4, -1]))
 def test_every_law_holds_from_random_states_at_any_tolerance(state, exponent):
@@ -241,51 +229,3 @@ def test_what_has_no_series_or_is_too_large_is_refused_with_a_sentence():
     for name in ("tc_taylor", "tc_taylor[order=8]"):  # said before anything runs
         assert "101 variables out, which are too many" in find_integrator(name).suits(Still())
     assert find_integrator("tc_auto").suits(Still()) == ""
-
-
-@given(st.floats(1e-15, 0.1), st.floats(1e-100, 1e100), st.floats(1e-100, 1e100))
-def test_a_step_is_so_long_that_its_last_two_terms_are_of_the_tolerance(tolerance, before, last):
-    method = TaylorMethod(find_scenario("short_term").model, 8)
-    method.work.coefficients[-2:] = before**2, last**2
-    length = step_length(method.work, tolerance)
-    exact = min((tolerance / before) ** (1 / 7), (tolerance / last) ** (1 / 8))
-    assert abs(length / exact - 1) < 0.04
-
-
-@pytest.mark.parametrize(
-    ("what", "bad", "call", "again_taken"), [("mended_end", False, 2, 2), ("step_length", 0.0, 7, 0)]
-)
-def test_from_a_state_that_is_not_admissible_the_run_goes_back(monkeypatch, what, bad, call, again_taken):
-    """Each fourth step ends in a mended state: what fails at the second is begun again at the one before, and a step
-    from whose end no series leads on is taken again, shorter."""
-    scenario, times = tcbench.scenarios()["bound_equilibrium"], np.array([0.0, 1.0])
-    exact, cost = TaylorMethod(scenario.model, 10).adaptive(scenario.z0, times, 1e-9)
-    method, seen, right = TaylorMethod(scenario.model, 10), [], getattr(march, what)
-
-    def failing(work, *arguments):
-        seen.append(work.mended[:10].copy())
-        result = right(work, *arguments)
-        return bad if len(seen) == call else result
-
-    monkeypatch.setattr(march, what, failing)
-    method.begin(scenario.z0, times)
-    method.work.tolerance = 1e-9
-    assert march.run(method.work) == 2  # in plain Python
-    again, states = method.cost(), method.states
-    assert again["rejected"] == 1 and again["steps"] >= cost["steps"] + again_taken
-    assert np.abs(states - exact).max() < 1e-8
-    assert abs(scenario.model.energy(states[1]) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
-    if what == "step_length":
-        assert np.array_equal(seen[call], seen[call - 2])  # the series after it begins where the one before did
-
-
-def test_a_run_that_ends_early_ends_in_a_mended_state():
-    """tc_auto goes on from there."""
-    scenario, states = tcbench.scenarios()["bound_equilibrium"], np.empty((2, 10))
-    for patience in range(1, 9):
-        method = TaylorMethod(scenario.model, 10)
-        method.loops.begin(method.work, scenario.z0)
-        march.advance(method.work, np.array([0.0, 5.0]), 1e-3, states, 1, 0.0, 0.0, patience, 0)
-        z = scenario.model.entropy_variables(method.work.mended[:10])
-        assert abs(scenario.model.energy(z) - scenario.model.energy(scenario.z0)) <= 1e-13 * scenario.initial_exergy
-        assert method.cost()["steps"] == patience

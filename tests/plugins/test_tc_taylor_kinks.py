@@ -6,7 +6,7 @@ from mechanics import Mechanical, rubbed
 from scipy.integrate import solve_ivp
 
 import tcbench
-from tcbench.plugins import find_integrator, find_scenario
+from tcbench.plugins import find_integrator
 
 
 class Rough(Mechanical):
@@ -21,17 +21,6 @@ class Rough(Mechanical):
 
     def irreversible(self, z, dE, dS):
         return rubbed(self.drag * abs(dE.p) * dE.p, dE)
-
-
-class Quick(Rough):
-    name = "quick"
-    constants = Rough.constants | {"speed": ()}
-
-    def reversible(self, z, dE, dS):
-        return {"q": self.speed * dE.p, "p": -self.speed * dE.q}
-
-    def irreversible(self, z, dE, dS):
-        return self.speed * super().irreversible(z, dE, dS)
 
 
 @pytest.mark.parametrize("most", [0, 1000])
@@ -66,40 +55,6 @@ class Bent(Rough):
         return rubbed(self.drag * dE.p, dE)
 
 
-def test_where_steps_are_taken_again_entropies_of_outputs_on_the_way_do_not_hold():
-    """Before a kink some steps end in no mended state; the outputs that they had reached let entropies start higher."""
-    start = {"q": [0.7], "p": [0.2], "s": [0.1]}
-    scenario = tcbench.Scenario("bent", Bent, {"drag": [0.3]}, initial=start, t_end=1.0, dt=0.1)
-    model, times = scenario.model, np.linspace(0.0, 0.6, 61)
-    states, cost = find_integrator("tc_taylor").adaptive(model, scenario.z0, times, 1e-9, 1e-9)
-    exact = solve_ivp(lambda t, z: model.vector_field(z), times[[0, -1]], states[0], "DOP853", rtol=1e-12, atol=1e-12)
-    assert cost["rejected"] > 0 and np.abs(states[-1] - exact.y[:, -1]).max() < 1e-8
-
-
-@pytest.mark.parametrize("unit", [1e-12, 1e14])
-@pytest.mark.parametrize("name", ["bound_equilibrium", "rough"])
-def test_the_unit_of_time_does_not_matter(name, unit):
-    """Squares of coefficients go with its power of twice the order: what is no number was taken for a long step."""
-    if name == "rough":
-        start = {"q": [1.0, 0.8], "p": [0.0, 0.3], "s": [0.0, 0.1]}
-        found = tcbench.Scenario("rough", Rough, {"drag": [0.2, 0.1]}, initial=start, t_end=3.0, dt=0.1)
-        constants = {"drag": [0.2, 0.1], "speed": unit}
-        other = tcbench.Scenario("quick", Quick, constants, initial=start, t_end=3 / unit, dt=0.1 / unit)
-    else:
-        found = find_scenario(name).replace(t_end=0.5)
-        constants = {"masses": np.divide(found.constants["masses"], unit**2),
-                     "conductivity": found.constants["conductivity"] * unit}  # fmt: skip
-        other = found.replace(
-            name="quick", t_end=0.5 / unit, dt=found.dt / unit, momenta=np.divide(found.momenta, unit), **constants
-        )
-    ends = []
-    for each in (found, other):
-        span = np.array([0.0, each.t_end])
-        states, _ = find_integrator("tc_taylor").adaptive(each.model, each.z0, span, 1e-12, 1e-12)
-        ends.append(each.model.state(states[-1]).q)
-    assert np.abs(ends[0] - ends[1]).max() < 1e-10
-
-
 class Cornered(Rough):
     """Its forces have signs in them, written as derivatives and roots of squares give them."""
 
@@ -128,14 +83,6 @@ def test_signs_are_those_of_where_a_step_begins(most, monkeypatch):
     assert np.abs(states[-1] - exact).max() < 1e-8
     run = tcbench.simulate("tc_taylor[order=6]", scenario)
     assert run.ok and np.abs(run.z[-1] - exact).max() < 1e-6
-
-
-def test_many_kinks_close_together_are_no_jump():
-    start, drag = {"q": 1 + 1e-6 * np.arange(60.0), "p": np.zeros(60), "s": np.zeros(60)}, {"drag": np.full(60, 0.2)}
-    scenario = tcbench.Scenario("rough", Rough, drag, initial=start, t_end=2.0, dt=0.1)
-    find_integrator("tc_taylor").adaptive(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
-    start = {**start, "q": 1 + 1e-6 * np.arange(150.0)} | {name: np.zeros(150) for name in "ps"}
-    assert tcbench.simulate("tc_taylor[order=4]", scenario.replace(drag=np.full(150, 0.2), **start)).ok
 
 
 class Pulled(Mechanical):

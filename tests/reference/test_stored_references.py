@@ -1,9 +1,7 @@
 """Certified references: two precisions, an unrelated method, and digits published elsewhere agree."""
 
-import sys
 from decimal import Decimal, localcontext
 
-import numpy as np
 import pytest
 from certified_scenarios import SCENARIOS
 
@@ -119,21 +117,3 @@ def test_recomputing_reproduces_the_stored_digits_and_a_corrupted_record_does_no
     bad = [list(z) for z in record["states"][:1]]
     bad[0][3] = bad[0][3][:-14] + "12345678123456"
     assert not tool.compare("short_term", {**record, "times": ["1"], "states": bad})["agrees"]
-
-
-def test_generated_file_round_trips(tmp_path):
-    pytest.importorskip("heyoka")
-    constants, initial, _ = SCENARIOS["cold_spring"]
-    data = tool.generate(tmp_path / "r.json", {"mine": (constants, initial, (0.5, 1.0))})
-    assert data["scenarios"]["mine"]["times"] == ["0.5", "1"]
-    stored = stored_file()["scenarios"]["cold_spring"]["states"][0]
-    assert np.allclose(
-        [float(x) for x in data["scenarios"]["mine"]["states"][1]], [float(x) for x in stored], rtol=1e-15
-    )
-    assert (tmp_path / "r.json").exists() and len(list(tmp_path.iterdir())) == 1
-
-
-def test_without_heyoka_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "heyoka", None)
-    with pytest.raises(tool.PeerMissing, match=r'pip install "tcbench\[peers\]"'):
-        tool.certify(*SCENARIOS["short_term"])

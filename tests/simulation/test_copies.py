@@ -3,11 +3,9 @@
 import copy
 import pickle
 
-import numpy as np
 import pytest
 
 import tcbench
-from tcbench.compiler.kernels import Kernel
 from tcbench.plugins import find_integrator, find_scenario
 
 from ..helpers.every_kind import CASES, KINDS, ids, method_of, settings, simulate, told
@@ -28,19 +26,6 @@ def test_copies_of_a_scenario_that_has_run_run_as_it_did(case):
         with pytest.raises(ValueError, match="read-only"):
             again.z0[0] = 1.0
     assert simulate(name, scenario) == alone
-
-
-@pytest.mark.parametrize("system", ["bound_equilibrium", "net[nx=3,ny=3]"])
-def test_a_copied_system_has_its_numbers_and_nothing_that_was_made_of_them(system):
-    scenario = find_scenario(system).replace(t_end=0.2)
-    simulate("tc_monolithic", scenario)
-    fresh = {*vars(type(scenario.model)(**scenario.constants)), "begins"}  # and where it begins
-    for name in ("deepcopy", "pickle"):
-        again = COPIES[name](scenario.model)
-        assert set(vars(again)) == fresh
-        assert np.array_equal(again.vector_field(scenario.z0), scenario.model.vector_field(scenario.z0))
-        with pytest.raises(ValueError, match="read-only"):
-            again.masses[0] = 2.0
 
 
 def test_a_stepper_that_is_copied_has_memory_of_its_own():
@@ -64,24 +49,3 @@ def test_integrators_and_runs_can_be_pickled_and_copied(name):
     for copied in COPIES.values():
         assert told(tcbench.simulate(copied(method), scenario, **settings(method))) == alone
         assert told(copied(run)) == alone
-
-
-def test_what_holds_addresses_is_no_data():
-    work = find_integrator("tc_gauss").workspace(find_scenario("bound_equilibrium").model).work
-    for copied in COPIES.values():
-        with pytest.raises(TypeError, match="addresses"):
-            copied(work)
-    kernel = Kernel("def kernel(a, b, out):\n    out[0] = a[0]\n", 1)
-    assert kernel.address and "address" not in vars(copy.deepcopy(kernel))
-
-
-def test_constants_are_the_systems_own():
-    """Not the caller's array, which may change after a kernel has read it."""
-    scenario = find_scenario("bound_equilibrium")
-    masses = np.array(scenario.constants["masses"])
-    system = type(scenario.model)(**{**scenario.constants, "masses": masses})
-    masses[:] = 7.0
-    assert list(system.masses) == scenario.constants["masses"]
-    for array in (system.masses, system.constant_values):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 7.0

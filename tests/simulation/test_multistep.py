@@ -6,8 +6,6 @@ import pytest
 import tcbench
 from tcbench import Flow, Integrator, TcbenchError
 from tcbench.analysis.theorems import steps as random_claims
-from tcbench.authoring.integrator_checks import restart
-from tcbench.simulation import run as simulation
 from tcbench.simulation.python_loop import Monitor
 from tcbench.studies import convergence
 
@@ -71,20 +69,6 @@ def test_a_formula_and_a_step_function_agree_and_temperatures_are_temperatures()
     warm = tcbench.simulate(made("heat", 2, flows=heat, variables="temperature"), SCENARIO, dt=0.001, t_end=0.2)
     fine = tcbench.simulate("tc_gauss", SCENARIO, dt=0.01, t_end=0.2)
     assert warm.ok and np.abs(warm.z[-1] - fine.z[-1]).max() < 1e-5
-
-
-@pytest.mark.parametrize("every", [1, 3, None])
-def test_records_summary_and_parts_are_those_of_any_run(every, monkeypatch):
-    def run():
-        return tcbench.simulate(METHODS[1], SCENARIO, dt=0.1, t_end=4.0, record_every=every)
-
-    whole = tcbench.simulate(METHODS[1], SCENARIO, dt=0.1, t_end=4.0)
-    kept = run()
-    assert np.array_equal(kept.z[:-1], whole.z[:: every or 100][: len(kept.z) - 1])
-    assert np.array_equal(kept.z[-1], whole.z[-1]) and kept.newton_iterations.sum() == whole.newton_iterations.sum()
-    assert kept.summary.energy_error_max == np.abs(whole.energy - whole.energy[0]).max() / kept.scenario.initial_exergy
-    monkeypatch.setattr(simulation, "CHUNK", 7)
-    assert np.array_equal(run().z, kept.z)
 
 
 def test_large_steps_are_followed_from_zero():
@@ -155,7 +139,3 @@ def test_claims_are_measured_on_steps_of_the_formula_itself():
     liar = Integrator(name="liar", order=2, memory=1, starter="tc_monolithic", claims={"energy"}, flows=bdf2)
     found = list(random_claims(liar, SCENARIO))
     assert "energy" in found[0].claim and not found[0].agrees
-
-
-def test_check_knows_that_a_restart_of_a_multistep_method_is_another_run():
-    assert restart(made("bdf2_checked", 2, flows=bdf2)).verdict == "-"

@@ -11,7 +11,7 @@ import tcbench
 from tcbench import Integrator
 from tcbench.simulation import shared_runs
 from tcbench.simulation.python_loop import POINTS
-from tcbench.studies import conservation, work_precision
+from tcbench.studies import work_precision
 
 SCENARIO = tcbench.scenarios()["short_term"].replace(t_end=1.0)
 
@@ -135,15 +135,6 @@ def test_a_failure_of_a_solver_is_shared_too(tmp_path):
     assert len(calls) == 1 and one.status == other.status == "nonconverged" and one.failure == other.failure
 
 
-def test_time_per_step_is_of_runs_in_this_process(tmp_path, monkeypatch):
-    """The second, warm run of the conservation study is made, not read."""
-    monkeypatch.setattr(conservation, "SHORT_S", math.inf)  # every run is short, however busy the machine is
-    calls = []
-    with shared_runs.kept_in(str(tmp_path)):
-        conservation.measure(resting(calls, 2 * shared_runs.SHORTEST_S), SCENARIO, {"tolerance": 1e-3})
-    assert calls == [1e-3] * 3  # warm-up, run, run again
-
-
 def test_the_timed_cell_reads_what_the_one_before_has_made(tmp_path, monkeypatch):
     monkeypatch.setattr(work_precision, "SLOW_S", math.inf)  # no run is slow, however busy the machine is
     monkeypatch.setattr(work_precision, "SPENT_S", 1e-9)  # no run is repeated, however busy the machine is
@@ -165,13 +156,6 @@ def test_the_timed_cell_reads_what_the_one_before_has_made(tmp_path, monkeypatch
     assert len(calls) - made - own == own  # a run in place of each that was read: it loads and compiles
     for name in ("value", "status", "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "error"):
         assert repr([p[name] for p in row["points"]]) == repr([p[name] for p in alone["points"]])
-
-
-def test_a_quick_solver_leaves_nothing(tmp_path, monkeypatch):
-    method = resting([])
-    monkeypatch.setattr(work_precision, "QUICK_S", 60.0)  # however busy the machine is
-    with shared_runs.kept_in(str(tmp_path)):
-        assert work_precision.measure(method, SCENARIO, {"part": work_precision.LAWS})["made"] == 0
 
 
 def test_studies_of_one_run_share_their_slow_runs(tmp_path):

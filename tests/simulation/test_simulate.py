@@ -4,7 +4,6 @@ import math
 import os
 import subprocess
 import sys
-from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -81,16 +80,6 @@ def test_plain_python_gives_what_the_compiled_code_gives():
         assert np.allclose(a, b, rtol=1e-11, atol=1e-11)  # fused multiply-add rounds differently
     assert {line[0] for line in found[0]} == {"ok", "blowup", "no_root"}
     assert sum(int(line[4]) for line in found[0]) >= 2  # folds
-
-
-def test_n_plus_m_steps_equal_n_and_then_m():
-    scenario = SCENARIOS["bound_equilibrium"].replace(t_end=6.0, name="whole")
-    whole = tcbench.simulate("tc_strang", scenario)
-    y = scenario.model.temperature_variables(whole.z[10])
-    rest = scenario.replace(positions=y[:4], momenta=y[4:8], temperatures=y[8:], t_end=3.0, name="rest")
-    again = tcbench.simulate("tc_strang", rest)
-    # a restart goes through temperatures and drops the compensation of round-off: nothing else
-    assert np.allclose(whole.z[10:21], again.z, rtol=1e-11, atol=1e-12)
 
 
 def test_record_every_keeps_the_same_states_and_the_whole_summary():
@@ -273,15 +262,6 @@ def test_a_solver_that_returns_no_states_is_told_which_are_asked_for():
     assert "states of shape (" in run.failure and "were asked for" in run.failure
 
 
-def test_summaries_are_equal_where_their_numbers_are_and_nan_is_nan():
-    one, other = (tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.1, t_end=0.2) for _ in range(2))
-    assert math.isnan(one.summary.first_entropy_fall) and one.summary == other.summary
-    worse = replace(other.summary, invariant_error_max={"angular_momentum": 1.0})
-    for changed in (worse, replace(other.summary, energy_drift=math.nan), replace(worse, invariant_error_max={})):
-        assert one.summary != changed
-    assert one.summary != asdict(one.summary)
-
-
 def test_a_step_that_spoils_its_argument_spoils_nothing_else():
     before = SCENARIOS["short_term"].z0.copy()
     tcbench.simulate(Integrator(name="bad", order=1, step=in_place), "short_term")
@@ -357,17 +337,3 @@ def test_many_steps_hold_the_energy_and_keep_a_part_of_the_states():
     run = tcbench.simulate("tc_monolithic", "bound_equilibrium", dt=0.05, t_end=10_000.0, record_every=1000)
     assert run.steps == 200_000 and run.z.shape == (201, 10)
     assert run.summary.energy_error_max <= 1e-12
-
-
-def test_what_the_first_step_loads_is_not_the_time_of_steps(monkeypatch):
-    from tcbench.simulation import python_loop
-
-    clock = [0.0]
-    monkeypatch.setattr(python_loop.time, "perf_counter", lambda: clock[0])
-
-    def step(z, h, system):
-        clock[0] += 1.0 if clock[0] else 1000.0
-        return euler(z, h, system)
-
-    found = tcbench.simulate(Integrator(name="e", order=1, step=step), "bound_equilibrium", dt=0.001, t_end=0.01)
-    assert found.steps == 10 and found.wall_time_s == 10.0

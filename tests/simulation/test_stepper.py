@@ -60,17 +60,6 @@ def test_a_class_in_the_place_of_a_system_is_told_where_the_system_is():
         tcbench.stepper("tc_monolithic", tcbench.scenarios()["short_term"].system)
 
 
-def test_a_formula_that_was_redefined_is_stepped_anew():
-    found = []
-    for theta in (0.5, 1.0):
-
-        def formula(z0, z1, h, system, theta=theta):
-            return z1 - z0 - h * system.vector_field(z0 + theta * (z1 - z0))
-
-        found.append(tcbench.stepper(Integrator(name="own", order=1, flows=formula), SCENARIO)(SCENARIO.z0, 0.1))
-    assert np.abs(found[0] - found[1]).max() > 1e-4
-
-
 def test_richardson_extrapolation_has_order_four():
     def richardson(z, h, system):
         step = tcbench.stepper("tc_monolithic", system)
@@ -107,15 +96,3 @@ def test_a_step_back_that_does_not_exist_says_what_was_looked_for():
         ArithmeticError, match=r"a step of -0\.3: the roots .* no other was found from which a step of 0\.3"
     ):
         tcbench.stepper("tc_itoh_abe", SCENARIO)(SCENARIO.z0, -0.3)
-
-
-def test_the_result_of_a_run_stays_whatever_is_stepped_later():
-    """Records are used again: those of a run are its result."""
-    scenario = tcbench.scenarios()["short_term"].replace(t_end=0.5)
-    run = tcbench.simulate("tc_strang", scenario, dt=0.1)
-    z, energy, counts = run.z.copy(), run.energy.copy(), run.newton_iterations.copy()
-    step = tcbench.stepper("tc_strang", scenario)
-    for _ in range(3):
-        step(scenario.z0 * 1.01, 0.2)
-    assert np.array_equal(run.z, z) and np.array_equal(run.energy, energy)
-    assert np.array_equal(run.newton_iterations, counts)

@@ -1,12 +1,10 @@
 """Threads that run at once, and what another keeps on a system meanwhile, change no bit."""
 
-import copy
 import os
-import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from threading import Barrier, Event
+from threading import Barrier
 
 import pytest
 
@@ -53,31 +51,6 @@ def test_threads_give_the_bits_of_one_run_after_the_other(case, often):
     assert found == alone * 2
 
 
-@pytest.mark.parametrize(
-    "made", [lambda system: system.symbolic, copy.copy, pickle.dumps], ids=["symbols", "copy", "pickle"]
-)
-def test_what_another_thread_keeps_on_a_system_meanwhile_disturbs_nothing(made, often, monkeypatch):
-    system, stop = copy.copy(find_scenario("net[nx=3,ny=3]").model), Event()
-
-    def keep():
-        while not stop.is_set():
-            for k in range(50):
-                vars(system)[f"kept{k}"] = k
-            for k in range(50):
-                del vars(system)[f"kept{k}"]
-
-    with ThreadPoolExecutor(1) as pool:
-        other = pool.submit(keep)
-        try:
-            for _ in range(100):
-                monkeypatch.setattr(traced, "_SYMBOLIC", {})
-                vars(system).pop("symbolic", None)
-                made(system)
-        finally:
-            stop.set()
-        other.result()
-
-
 def test_what_stands_for_a_net_is_whole_before_another_thread_can_take_it(monkeypatch):
     """It had its mesh, and not yet what it is traced on: another thread then branched on symbols."""
 
@@ -93,13 +66,6 @@ def test_what_stands_for_a_net_is_whole_before_another_thread_can_take_it(monkey
 
     monkeypatch.setattr(OverSpaces, "_by_arrays", watched)
     assert networks.row(Fresh).model.n_temperatures == networks.N and found == [[False], [False]]
-
-
-def test_threads_on_one_scenario_with_different_tolerances_do_not_meet(often):
-    scenario, tolerances = find_scenario("bound_equilibrium").replace(t_end=1.0), [1e-3, 1e-4] * 3
-    for name in ("controlled[method=tc_monolithic]", "controlled_taylor"):
-        alone = [simulate(name, scenario, tolerance=tolerance) for tolerance in tolerances]
-        assert at_once(lambda tolerance, name=name: simulate(name, scenario, tolerance=tolerance), tolerances) == alone
 
 
 @pytest.mark.parametrize("name", ["tc_monolithic", "tc_gauss", "tc_taylor[order=8]"])

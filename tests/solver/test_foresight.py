@@ -12,7 +12,6 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench import progress
-from tcbench.compiler.looks import LEFT
 from tcbench.compiler.once import Spares
 from tcbench.errors import MachineError
 from tcbench.plugins import find_integrator, find_scenario
@@ -102,23 +101,8 @@ def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatc
         pass
 
 
-def test_what_a_step_takes_is_foreseen_from_the_entries_of_its_jacobians():
-    flows = [implicit_step.compiled_flows(tcbench.integrators()[name].flows, net(n, n).model.symbolic)
-             for name, n in (("tc_monolithic", 10), ("tc_monolithic", 40), ("gauss2", 10))]  # fmt: skip
-    one, larger, dearer = map(foresight.seconds_a_step, flows)
-    assert 16 < larger / one < 20 and dearer > 4 * one > 1e-4  # 16 times the masses; stages see each other
-    small = implicit_step.compiled_flows(
-        tcbench.integrators()["tc_strang"].flows, tcbench.scenarios()["short_term"].model.symbolic
-    )
-    assert foresight.seconds_a_step(small) == 0.0
 
 
-def test_a_long_run_says_what_a_step_takes():
-    model = net(20, 20).model
-    flows = implicit_step.compiled_flows(tcbench.integrators()["tc_monolithic"].flows, model.symbolic)
-    each = foresight.seconds_a_step(flows)
-    assert foresight.of_steps(model, each, 10) == ""
-    assert foresight.of_steps(model, each, 9000) == f"9000 steps of about {1e3 * each:.2g} ms, {9000 * each:.0f} s"
 
 
 @pytest.mark.parametrize(("each", "status"), [(0.5, None), (1e-6, "ok")])
@@ -145,7 +129,6 @@ def test_a_run_of_a_method_with_a_loop_of_its_own_is_foreseen_from_its_first_ste
     assert len(worked) < 50
 
 
-METHODS = ["tc_gauss_adaptive", "tc_taylor", "tc_auto"]
 PAIRS = [
     ("tc_gauss_adaptive", "net[nx=9,ny=8]"),
     ("tc_taylor", "net[nx=9,ny=8]"),
@@ -195,46 +178,10 @@ def test_a_run_that_is_looked_at_takes_the_same_steps_and_says_how_far_it_is(nam
     assert seen == sorted(seen) and 0.0 < seen[-1] < 2.0
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_an_error_at_a_look_ends_the_run_and_is_raised(method, monkeypatch):
-    def refused(*_):
-        raise MachineError("too long")
-
-    solve, scenario = find_integrator(method).adaptive, find_scenario("heavy_top")
-    seen = looked_at_often(monkeypatch)
-    with monkeypatch.context() as patched, pytest.raises(MachineError, match="too long"):
-        patched.setattr(foresight.Looks, "tell", refused)
-        solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
-    assert not seen
-    solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
-    assert len(seen) > 3
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_an_interrupt_may_come_before_the_first_look_has_begun(method, monkeypatch):
-    """Python raises it as soon as the look is entered."""
-
-    def entered(looks):
-        raise KeyboardInterrupt
-
-    solve, scenario = find_integrator(method).adaptive, find_scenario("heavy_top")
-    looked_at_often(monkeypatch)
-    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(foresight.Looks, "__bool__", entered)
-        solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
-    solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
 
 
-def test_an_interrupted_end_of_a_run_is_no_error_of_the_next_one(monkeypatch):
-    """The user's hand is still on the keys."""
-    solve, scenario = find_integrator("tc_taylor").adaptive, find_scenario("heavy_top")
-    looked_at_often(monkeypatch)
-    with monkeypatch.context() as patched:
-        patched.setattr(foresight.Looks, "tell", lambda *_: signal.raise_signal(signal.SIGINT))
-        patched.setattr(foresight.Looks, "end", lambda looks: None)
-        with pytest.raises(ArithmeticError, match="too short"):
-            solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
-    solve(scenario.model, scenario.z0, np.array([0.0, 2.0]), 1e-6, 1e-6)
 
 
 def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
@@ -248,16 +195,3 @@ def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
         looks.end()
 
 
-def test_looks_come_as_often_as_they_are_meant_to(monkeypatch):
-    """However long a step takes, and where it takes ten times as long from one moment to the next."""
-    clock, between = 5.0, []
-    monkeypatch.setattr(foresight, "time", SimpleNamespace(monotonic=lambda: clock))
-    looks = foresight.Looks(100)
-    monkeypatch.setattr(looks, "tell", lambda *_: None)
-    for step in (1e-7, 1e-6, 1e-2, 1.0):
-        for _ in range(12):
-            passed = (1 + looks.watch[LEFT] // 1) * step
-            clock += passed
-            between.append(passed)
-            assert not looks
-        assert between[-1] == pytest.approx(max(foresight.AIM, step), rel=0.1)

@@ -6,10 +6,8 @@ from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
 
 import tcbench
-from tcbench.compiler.language import made_up_address
-from tcbench.solver import flow_kernels, implicit_step, newton, quick_sparse, sparse
-from tcbench.solver.flow import OldFactors
-from tcbench.solver.pattern import Pattern, _parity
+from tcbench.solver import flow_kernels, implicit_step
+from tcbench.solver.pattern import Pattern
 
 CASES = [
     ("tc_monolithic", "cold_spring", 2.5), ("tc_monolithic", "stiff_spring", 2.5), ("tc_strang", "long_term", 1.0),
@@ -67,55 +65,11 @@ def test_a_factorisation_has_both_solutions_and_the_sign_of_the_determinant(seed
     assert out[-1] == np.sign(np.linalg.det(A))
 
 
-def test_parity():
-    rng = np.random.default_rng(0)
-    for n in (1, 2, 3, 8, 27):
-        for order in (rng.permutation(n) for _ in range(10)):
-            assert _parity(order) == round(np.linalg.det(np.eye(n)[order]))
-
-
 @pytest.mark.parametrize("n", [3, 101])
 def test_a_singular_matrix_says_so(n):
     pattern, out = Pattern(n, range(n), range(n)), np.ones(2 * n + 1)
     pattern._factorise(np.r_[1.0, 0.0, np.ones(n - 2)], np.ones(2 * n), out)
     assert not out.any()
-
-
-class Linear:
-    """What `sparse_correction` reads of a flow: one linear system, of any matrices one after the other."""
-
-    def __init__(self, A):
-        n = len(A)
-        self.pattern = Pattern(n, *np.nonzero(np.ones_like(A)))
-        for name in ("first", "columns", "diagonal", "order", "factorise", "nnz"):
-            setattr(self, name, getattr(self.pattern, name))
-        self.ns, self.nx, self.n_own, self.steep = n, n, n, False
-        self.factors, self.place = np.zeros(self.nnz), np.zeros(n, np.int64)
-        self.krylov, self.solved, self.d = np.zeros((8, n)), np.zeros(2 * n + 1), np.zeros(n)
-
-    def at(self, A, right):
-        order, columns, first = self.pattern.order, self.pattern.columns, self.pattern.first
-        entries = [A[order[i], order[columns[k]]] for i in range(self.ns) for k in range(first[i], first[i + 1])]
-        self.derivatives = np.concatenate([-right, entries])
-        self.residual, self.entries = np.split(self.derivatives, [self.ns])
-        return self
-
-
-def test_half_made_factors_are_not_used():
-    """The second pivot is negative: what the factorisation leaves is of no later matrix."""
-    bad, good = np.array([[1.0, 2.0], [2.0, 1.0]]), np.array([[4.0, 1.0], [1.0, 3.0]])
-    right, flow = np.array([1.0, 2.0]), Linear(bad)
-    sparse.sparse_correction(flow.at(bad, right), 1e-12, True)
-    assert not flow.factors[flow.diagonal[0]] > 0.0
-    assert np.allclose(bad @ flow.d, right)
-    calls = []
-    before = sparse.factorised
-    sparse.factorised = lambda flow: calls.append(1) or before(flow)
-    try:
-        assert sparse.sparse_correction(flow.at(good, right), 1e-12, False) == 1.0
-    finally:
-        sparse.factorised = before
-    assert np.allclose(good @ flow.d, right) and flow.factors[flow.diagonal[0]] > 0.0 and not calls
 
 
 def test_factors_of_earlier_steps_lead_to_the_roots_of_new_ones():
@@ -143,52 +97,6 @@ def test_far_from_the_origin_corrections_that_stop_at_round_off_have_found_the_r
     """Positions of 4e4 are rounded by 1e-11: six of ten steps were solved again."""
     run = tcbench.simulate("tc_monolithic", chain(40_000), dt=0.1, t_end=1.0, record_every=None)
     assert run.ok and run.solver.retried == 0 and run.summary.energy_error_max < 1e-13
-
-
-def test_what_rests_is_found_by_two_corrections_of_nothing():
-    flow = Linear(np.eye(2)).at(np.eye(2), np.zeros(2))
-    flow.n, flow.npos, flow.w, flow.x, flow.dz = 2, 0, None, np.zeros(2), np.zeros(2)
-    flow.inverse_sizes = np.zeros(2)
-    flow.scale, flow.kept, written = np.ones(2), OldFactors(), flow.derivatives.copy()
-    flow.iterate = flow.polish = made_up_address(lambda w, x, out: np.copyto(out, written))
-    flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
-    assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 2)
-
-
-def test_corrections_before_new_factors_are_none_of_those_that_these_need():
-    """Two with factors that contract poorly, two with those that are made then: beyond two a step costs more."""
-    n = 2
-    flow = Linear(np.eye(n)).at(3.0 * np.eye(n), np.zeros(n))
-    flow.n, flow.npos, flow.kept = n, 0, OldFactors()
-    flow.w, flow.inverse_sizes, flow.x, flow.dz = None, np.ones(n), *np.zeros((2, n))
-    assert sparse.incomplete_factors(flow)
-    flow.kept.made_in, matrix = 1.0, flow.derivatives[n:] / 3.0
-    flow.polish = made_up_address(lambda w, x, out: np.copyto(out[:n], x - 1.0))
-    flow.iterate = made_up_address(lambda w, x, out: np.copyto(out, np.r_[x - 1.0, matrix]))
-    flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
-    assert quick_sparse.by_old_factors(flow) == (newton.ACCEPTED, 4)
-    assert flow.kept.made_in == 2.0 and np.array_equal(flow.x, [1.0, 1.0])
-
-
-def test_round_off_that_whole_corrections_have_shown_stops_those_with_old_factors():
-    """Of a residual that is known to 1e-12 only: the first root is found by Newton, the next ones without it."""
-    n, calls = 4, []
-    flow = Linear(np.eye(n)).at(1.01 * np.eye(n), np.zeros(n))
-    flow.n, flow.npos, flow.scale, flow.kept = n, 0, np.ones(n), OldFactors()
-    flow.w, flow.guess, flow.inverse_sizes = None, np.zeros(n), np.ones(n)
-    flow.x, flow.last, flow.dz = np.zeros((3, n))
-    matrix = flow.derivatives[n:].copy()
-
-    def residual(w, x, out):
-        calls.append(1)
-        out[:n] = x - 1.0 + 1e-12 * (-1.0) ** len(calls)
-
-    flow.polish = made_up_address(residual)
-    flow.iterate = made_up_address(lambda w, x, out: (residual(w, x, out), np.copyto(out[n:], matrix)))
-    flow.finish = made_up_address(lambda w, x, out: np.copyto(out, x))
-    assert quick_sparse.quick_sparse(flow)[0] == newton.ACCEPTED
-    assert flow.kept.pause == 0.0 and 1e-12 < flow.kept.noise < 1e-11
-    assert quick_sparse.by_old_factors(flow)[0] == newton.ACCEPTED and np.abs(flow.x - 1.0).max() < 5e-12
 
 
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_strang"])

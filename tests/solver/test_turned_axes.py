@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from one_flow import OneFlow
 
 import tcbench
 from tcbench.analysis.theorems import turned
@@ -28,17 +27,3 @@ def end(method, scenario, angle, h):
 def test_a_step_whose_curve_folds_ends_at_one_root_in_all_axes(method):
     ends = np.array([end(method, FOLDED, k * np.pi / 18, FOLDED.t_end) for k in range(36)])
     assert np.abs(ends - ends[0]).max() < 1e-9 * np.abs(ends[0]).max()
-
-
-def test_tracking_does_not_leap_to_another_branch():
-    """Where it can follow the curve no further it says so; the root that it reports is the arc's."""
-    method, found = tcbench.integrators()["tc_gonzalez"], 0
-    for k in range(36):
-        z = turned(FOLDED.z0, k * np.pi / 18)
-        there = FOLDED.replace(positions=tuple(z[:4]), momenta=tuple(z[4:8]))
-        flow = OneFlow(method, there, FOLDED.t_end)
-        if flow.track()[0] == 0:
-            root = flow.x.copy()
-            flow.arc()
-            found += np.abs(root - flow.x).max() > 1e-6
-    assert not found

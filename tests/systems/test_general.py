@@ -9,7 +9,6 @@ from spread import spread
 import tcbench
 from tcbench import ElementSystem, Integrator, Scenario, System, TcbenchError
 from tcbench.plugins import find_integrator
-from tcbench.simulation import series, views
 from tcbench.studies import convergence
 
 SIX = ("damped_oscillator", "viscous_pendulum", "rubbing_piston", "rigid_body", "heavy_top", "reaction")
@@ -224,19 +223,6 @@ REFUSED = {
 }
 
 
-def test_names_of_columns_that_elements_alone_have_are_free():
-    """And charts show what is called so."""
-    names = ["theta", "theta1", "temperature_c", "strain_x"]
-    system = made(
-        variables=dict.fromkeys(names, ()), entropy=lambda self, z: z.strain_x,
-        energy=lambda self, z: z.theta**2 / 2 + z.theta1**2 / 2 + np.exp(z.strain_x),
-        reversible=lambda self, z, dE, dS: {"theta": dE.theta1, "theta1": -dE.theta},
-    )  # fmt: skip
-    run = tcbench.simulate("tc_monolithic", start(system, initial=dict.fromkeys(names, 0.1)), dt=0.1, t_end=0.2)
-    assert run.ok and series.variables(series.columns(run)) == names
-    assert list(views.columns(run))[1:5] == names
-
-
 @pytest.mark.parametrize("what", REFUSED)
 def test_refused_in_a_sentence(what):
     wrong, sentence = REFUSED[what]
@@ -337,18 +323,6 @@ def test_random_variants_of_a_scenario(name):
     still = family.member(seed="3", **{fixed: "1", "initial": "0"})
     assert still.constants[fixed] == pytest.approx(base.constants[fixed], rel=1e-5)
     assert still.z0 == pytest.approx(base.z0, rel=1e-5, abs=1e-6)
-
-
-def test_another_horizon_or_step_is_of_the_same_system_and_checked_as_the_first():
-    """What is kept of a system, as tables and an order of elimination of a large one, is made once for all horizons."""
-    scenario = tcbench.scenarios()["reaction"]
-    other = scenario.replace(t_end=0.5)
-    assert other.model is scenario.model and (other.t_end, scenario.replace(t_end=1e-3).dt) == (0.5, 1e-3)
-    assert other.replace(t_end=scenario.t_end, dt=scenario.dt) == scenario
-    with pytest.raises(TcbenchError, match="longer than t_end"):
-        scenario.replace(dt=2.0 * scenario.t_end)
-    with pytest.raises(TcbenchError, match="t_end must be positive"):
-        scenario.replace(t_end=-1.0)
 
 
 def test_a_formula_that_is_replaced_in_its_class_is_the_one_that_runs(monkeypatch):

@@ -1,7 +1,5 @@
 """Random scenarios: the same digits everywhere and for ever, within their ranges, and refusals that say what to do."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 
 import tcbench
 from tcbench import Range, Scenario, ScenarioFamily, TcbenchError, plugins
-from tcbench.systems.sampling import Draw, rounded
+from tcbench.systems.sampling import rounded
 
 DIGITS = {  # measured results carry these names: numbers that differ here make them other scenarios
     0: {
@@ -58,27 +56,6 @@ def test_every_seed_lies_within_the_documented_ranges(seed):
     q = np.array(scenario.positions)
     lengths = np.array([np.hypot(*q[:2]), np.hypot(*(q[2:] - q[:2]))]) / scenario.constants["natural_lengths"]
     assert np.all((lengths >= 0.4 * (1 - 1e-4)) & (lengths <= 2.5 * (1 + 1e-4)))
-
-
-def test_the_laws_of_the_numbers_are_the_documented_ones():
-    """Kolmogorov's distance of 800 draws to each law: below 1.63/sqrt(n) with 99 %, and the seeds are fixed."""
-    made = [random(seed) for seed in range(200)]
-    limit = 1.63 / math.sqrt(400)
-
-    def distance(values, cumulative):
-        x = np.sort(cumulative(np.ravel(values)))
-        n = len(x)
-        return max(np.abs(x - np.arange(n) / n).max(), np.abs(x - (np.arange(n) + 1) / n).max())
-
-    stiffness = np.log([s.constants["stiffness"] for s in made])
-    assert distance(stiffness, lambda x: (x - math.log(0.03)) / math.log(1e4)) < limit
-    temperatures = np.array([s.temperatures for s in made])
-    assert distance(temperatures, lambda x: (x / 300 - 0.7) / 0.7) < limit
-    angles = np.array([math.atan2(s.positions[1], s.positions[0]) for s in made])
-    assert distance(angles, lambda x: (x + math.pi) / (2 * math.pi)) < limit * math.sqrt(2)
-    draw = Draw(3, {})
-    normal = draw.normals(800)
-    assert distance(normal, lambda x: np.array([0.5 * math.erfc(-v / math.sqrt(2)) for v in x])) < limit
 
 
 def test_a_restricted_range_changes_that_number_only():

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from states import admissible_states
 
 import tcbench
-from tcbench.compiler import derivatives as trace
 
 mp.mp.dps = 50
 MODEL = tcbench.scenarios()["short_term"].model
@@ -88,19 +87,6 @@ def test_change_to_temperature_variables_and_back_is_the_identity(y):
     change = MODEL.temperature_variables(z + step * field) - MODEL.temperature_variables(z - step * field)
     scale = np.abs(field).max()  # central differences: error of order (step * scale)^2
     assert np.allclose(MODEL.temperature_field(y), change / (2 * step), rtol=1e-6, atol=1e-5 * max(1.0, scale))
-
-
-@settings(max_examples=25)
-@given(admissible_states())
-def test_forces_at_temperatures_are_those_at_their_entropies(y):
-    expected = -MODEL.gradient(MODEL.entropy_variables(y))[:4]
-    terms = np.abs(MODEL.stiffness).max() + MODEL.coupling * np.abs(y[8:]).max()
-    assert np.allclose(MODEL.temperature_forces(y), expected, rtol=1e-12, atol=1e-13 * terms)
-
-
-def test_forces_at_temperatures_need_no_exponential():
-    forces = MODEL.symbolic.temperature_forces(trace.variables("y", MODEL.size))
-    assert "exp" not in {node.op for node in trace.topological(list(forces))}
 
 
 @pytest.mark.parametrize("scenario", ["short_term", "net[nx=4,ny=4]"])
@@ -223,11 +209,3 @@ def test_friction_is_symmetric_semidefinite_degenerate_and_gives_the_conduction(
 def test_poisson_matrix_is_skew_and_annihilates_the_entropy_gradient():
     assert np.array_equal(MODEL.L, -MODEL.L.T)
     assert np.array_equal(MODEL.L @ MODEL.DS, np.zeros(10))
-
-
-def test_derived_functions_take_batches_of_states():
-    scenario = tcbench.scenarios()["short_term"]
-    z = np.stack([scenario.z0, scenario.z0 + 0.1])
-    assert MODEL.energy(z).shape == (2,)
-    assert MODEL.jacobian(z).shape == (2, 10, 10)
-    assert MODEL.energy(z)[1] == MODEL.energy(z[1])
