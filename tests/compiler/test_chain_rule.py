@@ -31,6 +31,9 @@ FUNCTIONS = {  # numpy's, mpmath's, where x is taken from [-1, 1] to
     "power": (lambda x: x**1.7, lambda x: x ** mpmath.mpf(1.7), lambda x: 1.001 + x),
     "inverse power": (lambda x: x**-2.5, lambda x: x ** mpmath.mpf(-2.5), lambda x: 1.1 + x),
     "abs": (abs, abs, lambda x: 1.5 + x),
+    "hypot": (lambda x: np.hypot(x, 0.4), lambda x: mpmath.hypot(x, mpmath.mpf(0.4)), lambda x: x),
+    "base": (lambda x: 3.0**x, lambda x: mpmath.mpf(3) ** x, lambda x: x),
+    "inverse square": (lambda x: x**-2, lambda x: x**-2, lambda x: 1.1 + x),
 }
 
 

@@ -5,7 +5,6 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from tcbench.building_blocks import divided_difference
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import jacobian
 from tcbench.compiler.kernels import kernel
@@ -142,30 +141,6 @@ def test_quotients_have_derivatives_of_every_order(name):
             series = mp.taylor(exact, mp.mpf(at) if at else mp.mpf("1e-30"), 5)
             expected = [float(c * mp.factorial(k)) for k, c in enumerate(series)]
         np.testing.assert_allclose(compiled(np.array([at]), np.zeros(1)), expected, rtol=2e-12, atol=1e-18)
-
-
-RULES = {
-    "sin": np.sin, "cos": np.cos, "tan": np.tan, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh,
-    "arctan": np.arctan, "arcsin": np.arcsin, "arccos": np.arccos, "log1p": np.log1p, "expm1": np.expm1,
-    "hypot": lambda x: np.hypot(x, 0.4), "square": lambda x: x**2.0, "inverse square": lambda x: x**-2,
-    "ninth": lambda x: x**9, "root": lambda x: (2 + x) ** 0.7, "base": lambda x: 3.0**x, "none": lambda x: x**0,
-}  # fmt: skip
-EXACT = {
-    **{name: ONE[name] for name in ONE}, "hypot": lambda x: mp.hypot(x, mp.mpf(0.4)), "square": lambda x: x**2,
-    "inverse square": lambda x: x**-2, "ninth": lambda x: x**9, "root": lambda x: (2 + x) ** mp.mpf(0.7),
-    "base": lambda x: mp.mpf(3) ** x, "none": lambda x: x**0,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", RULES)
-def test_divided_differences_keep_their_digits(name):
-    a = -0.3
-    for b in (-0.9, -0.3 - 1e-9, -0.3, 0.05, 0.6, 0.95):
-        found = divided_difference(RULES[name], a, b)
-        with mp.workdps(60):
-            f, x, y = EXACT[name], mp.mpf(a), mp.mpf(b)
-            exact = mp.diff(f, x) if a == b else (f(y) - f(x)) / (y - x)
-        assert found == pytest.approx(float(exact), rel=1e-14, abs=1e-15), b
 
 
 @pytest.mark.parametrize(("a", "b"), [(-5.0, 4.0), (1e8, -1e8), (-1e5, 1e5 + 2), (0.3, 0.3 + 1e-12), (-2.0, 0.5)])

@@ -43,8 +43,8 @@ def test_the_switches_between_series_and_library_are_below_round_off(name):
         assert abs(left - right) <= 1e-15 * abs(left)
 
 
-@pytest.mark.parametrize("a", [0.0, 1e-9, 0.3, -4.9, 19.0, -40.0, 300.0, 800.0])
-@pytest.mark.parametrize("d", [0.0, 1e-12, -1e-3, 0.7, -4.9, 40.0, -900.0])
+@pytest.mark.parametrize("a", [0.0, 1e-9, 0.3, -4.9, 19.0, 300.0, 800.0])
+@pytest.mark.parametrize("d", [0.0, 1e-12, 0.7, -4.9, -900.0])
 def test_the_divided_difference_of_tanh_keeps_its_digits(a, d):
     """1 - tanh(a) tanh(b) had lost four of them at 4.9, and all at 19; and 0 times infinity is no number."""
     with mp.workdps(800):
