@@ -104,8 +104,6 @@ def test_what_cannot_be_described_has_no_hash(text):
     assert formula_hash(threading.current_thread()) is None
 
 
-
-
 def test_cycles_end():
     text = "A = [{}]\nA[0]['me'] = A\ndef f(x): return g(A)\ndef g(x): return f(x)"
     assert formula_hash(module(text).f) == formula_hash(module(text).f) is not None
@@ -153,14 +151,6 @@ def test_the_hash_is_the_same_in_another_process():
     assert len(found) == 1 and len(found.pop().strip()) == 64
 
 
-
-
-
-
-
-
-
-
 READING = {
     "a file": "import pathlib\ndef f(x): return x * float(pathlib.Path('k').read_text())",
     "a path that is a global": "import pathlib\nK = pathlib.Path('k')\ndef f(x): return x * float(K.read_text())",
@@ -191,8 +181,6 @@ def test_formulas_of_numbers_have_a_hash():
     assert formula_hash(tcbench.Pendulum) is not None
     for method in ("tc_monolithic", "tc_strang", "tc_gonzalez", "midpoint_entropy"):
         assert None not in [formula_hash(flow.residual) for flow in tcbench.integrators()[method].flows]
-
-
 
 
 def test_a_formula_that_reads_a_file_is_traced_with_what_the_file_says_now(tmp_path):

@@ -118,7 +118,3 @@ def test_what_a_formula_sees_is_looked_at_again(number, monkeypatch):
     if item is COUNTED:
         SET_COUNT(0)
     assert formula_hash(item) == before
-
-
-
-

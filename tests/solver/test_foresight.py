@@ -101,10 +101,6 @@ def test_a_run_beyond_its_time_limit_is_one_sentence_before_it_begins(monkeypatc
         pass
 
 
-
-
-
-
 @pytest.mark.parametrize(("each", "status"), [(0.5, None), (1e-6, "ok")])
 def test_a_run_of_a_method_with_a_loop_of_its_own_is_foreseen_from_its_first_steps(each, status, monkeypatch):
     """Whatever the method: series take a thirtieth of the time of collocation."""
@@ -156,6 +152,8 @@ def looked_at_often(monkeypatch):
 def test_an_interrupt_ends_a_run_that_chooses_its_steps(name, method):
     """One that would last for hours, in the main thread; the next run is as if nothing had been."""
     solve, scenario = find_integrator(method).adaptive, find_scenario(name)
+    if name == "heavy_top":
+        scenario = scenario.replace(friction=0.0)  # which would come to rest
     whole, _ = solve(scenario.model, scenario.z0, np.array([0.0, 0.1]), 1e-6, 1e-6)
     keys = Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
@@ -169,19 +167,13 @@ def test_an_interrupt_ends_a_run_that_chooses_its_steps(name, method):
 @pytest.mark.parametrize(("method", "name"), PAIRS)
 def test_a_run_that_is_looked_at_takes_the_same_steps_and_says_how_far_it_is(name, method, monkeypatch):
     scenario = find_scenario(name)
-    whole = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
+    whole = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=6.0)
     seen = looked_at_often(monkeypatch)
     with progress.waiting("a run", show=True) as meter:
-        again = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=2.0)
+        again = tcbench.simulate(method, scenario, tolerance=1e-6, t_end=6.0)
         assert meter.text == "a run" and meter.total is None  # as before
     assert np.array_equal(whole.z, again.z) and len(seen) > 2
-    assert seen == sorted(seen) and 0.0 < seen[-1] < 2.0
-
-
-
-
-
-
+    assert seen == sorted(seen) and 0.0 < seen[-1] < 6.0
 
 
 def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
@@ -193,5 +185,3 @@ def test_the_rest_of_a_run_that_chooses_its_steps_is_told():
         looks.tell(20.0, 6.0)
         assert meter.text == "a run, from t = 20 to 100 about 20 s" and (meter.done, meter.total) == (2, 10)
         looks.end()
-
-

@@ -9,7 +9,15 @@ from tcbench import TcbenchError, plugins
 from tcbench.simulation.metrics import conservation
 from tcbench.systems.multipliers import Multipliers
 
-SCENARIOS = ["rods[n=1]", "rods", "rod_loop", "four_masses", "director_body", "director_rod", "rods[n=100]"]
+SCENARIOS = [
+    "rods[n=1]",
+    "rods",
+    "rod_loop",
+    "four_masses",
+    "director_body",
+    "rods[n=100]",
+    pytest.param("director_rod", marks=pytest.mark.thorough),
+]
 
 
 def scenario(name, **changes):
