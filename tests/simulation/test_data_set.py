@@ -15,12 +15,12 @@ SCENARIO = "short_term"
 
 @pytest.fixture(scope="module")
 def pendulum():
-    return data_set(tcbench.scenarios()[SCENARIO], starts=3, every=0.5, t_end=10)
+    return data_set(tcbench.scenarios()[SCENARIO], starts=5, every=0.5, t_end=10)
 
 
 def test_stated_errors_hold_against_another_method(pendulum):
     scenario = tcbench.scenarios()[SCENARIO]
-    for start, states, error in zip(starts_around(scenario, 3, 0.3, 0), pendulum.states, pendulum.error, strict=True):
+    for start, states, error in zip(starts_around(scenario, 5, 0.3, 0), pendulum.states, pendulum.error, strict=True):
         model, times = start.model, pendulum.times
         other = solve_ivp(
             lambda t, z, model: model.vector_field(z),
@@ -47,10 +47,10 @@ def test_laws_and_rates_are_of_the_states(pendulum):
 
 
 def test_starts_differ_and_are_the_same_again(pendulum):
-    again = data_set(tcbench.scenarios()[SCENARIO], starts=3, every=5.0, t_end=10)
+    again = data_set(tcbench.scenarios()[SCENARIO], starts=5, every=5.0, t_end=10)
     assert np.array_equal(again.states[:, 0], pendulum.states[:, 0])
-    assert len(np.unique(pendulum.states[:, 0], axis=0)) == 3
-    assert sorted(pendulum.split) == ["test"] + ["train"] * 2
+    assert len(np.unique(pendulum.states[:, 0], axis=0)) == 5
+    assert sorted(pendulum.split) == ["test"] + ["train"] * 4
 
 
 def test_a_data_set_of_a_method_names_it(tmp_path):
@@ -71,9 +71,9 @@ def test_both_files_are_read_back(pendulum, tmp_path):
         times, states = read_published(tmp_path / name)
         assert np.array_equal(times, pendulum.times) and np.array_equal(states, pendulum.states)
     content = scipy.io.loadmat(tmp_path / "data.mat")
-    assert content["Z"].shape == (3, 10, 21) and content["L"].shape == (10, 10) and content["dt"] == 0.5
+    assert content["Z"].shape == (5, 10, 21) and content["L"].shape == (10, 10) and content["dt"] == 0.5
     about = json.loads(str(np.load(tmp_path / "data.npz")["about"]))
-    assert about["scenario"] == SCENARIO and len(about["made_by"]) == 3 and about["variables"]["q"] == [0, 4, [4]]
+    assert about["scenario"] == SCENARIO and len(about["made_by"]) == 5 and about["variables"]["q"] == [0, 4, [4]]
 
 
 def test_a_stiff_scenario_has_error_bars_too():
