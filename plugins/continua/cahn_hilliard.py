@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
+from tcbench.systems.canonical import Canonical
 
 
-class CahnHilliard(System):
+class CahnHilliard(Canonical):
     """c, s: concentration, from -1 to 1, and entropy of each cell."""
 
     name = "cahn_hilliard"
@@ -39,9 +40,6 @@ class CahnHilliard(System):
         )
         return wells.sum() + (self.interface / 2 * (b - a) ** 2).sum()
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         return {}
 
@@ -52,9 +50,6 @@ class CahnHilliard(System):
         heat, lost = flow * (first - second) / 2, self.conductivity * (a - b)
         warmed = self.sides.sums(np.stack([(heat - lost) / a, (heat + lost) / b], axis=1))
         return {"c": self.sides.sums(np.stack([-flow, flow], axis=1)), "s": warmed}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
 
     def invariants(self, z: Any) -> Any:
         return {"substance": (self.area * z.c).sum()}

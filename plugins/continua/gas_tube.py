@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
+from tcbench.systems.canonical import Canonical, conduction
 
 GAMMA = 1.4
 
 
-class GasTube(System):
+class GasTube(Canonical):
     """x, p: places and momenta of the nodes; s: entropies of the cells."""
 
     name = "gas_tube"
@@ -36,9 +37,6 @@ class GasTube(System):
         inner = np.exp((GAMMA - 1) * (s - np.log(v))) / (GAMMA - 1)
         return (z.p**2 / (2 * self.mass)).sum() + (self.gas * inner).sum()
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         return {"x": dE.p, "p": -dE.x}
 
@@ -47,13 +45,8 @@ class GasTube(System):
         opening = speeds[:, 1] - speeds[:, 0]
         stress = self.viscosity * opening / self.widths(z.x)
         force = self.ends.sums(np.stack([stress, -stress], axis=1))
-        a, b = dE.s[self.faces].T
         apart = self.widths(z.x)[self.faces].mean(axis=1)
-        heat = self.faces.sums(np.stack([(b - a) / (a * apart), (a - b) / (b * apart)], axis=1))
-        return {"p": force, "s": stress * opening / dE.s + self.conductivity * heat}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
+        return {"p": force, "s": stress * opening / dE.s + conduction(dE.s, self.faces, self.conductivity / apart)}
 
     def measures(self, z: Any) -> Any:
         return self.widths(z.x)

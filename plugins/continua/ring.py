@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
+from tcbench.systems.canonical import Canonical, conduction
 
 
-class Ring(System):
+class Ring(Canonical):
     """q, p: places and momenta of the nodes; s: entropies of the links."""
 
     name = "ring"
@@ -37,21 +38,8 @@ class Ring(System):
             (z.p**2 / (2 * self.mass[:, None])).sum() + (self.length * (self.stiffness / 2 * e**2 + heat)).sum() + bent
         )
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
-    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        a, b = dE.s[self.pairs].T
-        apart = self.length[self.pairs].mean(axis=1)
-        return {
-            "s": self.conductivity * self.pairs.sums(np.stack([(b - a) / (a * apart), (a - b) / (b * apart)], axis=1))
-        }
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
+        return {"s": conduction(dE.s, self.pairs, self.conductivity / self.length[self.pairs].mean(axis=1))}
 
     def invariants(self, z: Any) -> Any:
         push = z.p.sum(axis=0)

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
+from tcbench.systems.canonical import Canonical, conduction
 
 
-class Rod(System):
+class Rod(Canonical):
     """q, a: places and angles of the nodes; p, l: their momenta; s: entropies of the elements, of one point each."""
 
     name = "rod"
@@ -43,21 +44,11 @@ class Rod(System):
         moving = (z.p**2 / (2 * self.mass[:, None])).sum() + (z.l**2 / (2 * self.inertia)).sum()
         return moving + (self.length * (stored / 2 + heat + warm * self.expansion * along)).sum()
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         return {"q": dE.p, "a": dE.l, "p": -dE.q, "l": -dE.a}
 
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        a, b = dE.s[self.pairs].T
-        apart = self.length[self.pairs].mean(axis=1)
-        return {
-            "s": self.conductivity * self.pairs.sums(np.stack([(b - a) / (a * apart), (a - b) / (b * apart)], axis=1))
-        }
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
+        return {"s": conduction(dE.s, self.pairs, self.conductivity / self.length[self.pairs].mean(axis=1))}
 
     def invariants(self, z: Any) -> Any:
         spin = (z.q[:, 0] * z.p[:, 1] - z.q[:, 1] * z.p[:, 0] + z.l).sum()

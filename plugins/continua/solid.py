@@ -10,11 +10,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
 from tcbench.fem import needed, tabulate
+from tcbench.systems.canonical import Canonical
 
 
-class Solid(System):
+class Solid(Canonical):
     """q, p, s: places, momenta and entropies of the nodes. Neo-Hookean, coupled to heat through the volume."""
 
     variables = {"q": ("node", 3), "p": ("node", 3), "s": ("node",)}
@@ -43,12 +44,6 @@ class Solid(System):
         heat = self.theta0 * (self.expansion * J + c * (np.exp((s - self.expansion * J) / c) - 1))
         return (z.p**2 / (2 * self.mass[:, None])).sum() + (self.weight * (self.stored(z, C, J) + heat)).sum()
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
-    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        return {"q": dE.p, "p": -dE.q}
-
     def here(self, theta: Any) -> Any:
         """Temperature at each point."""
         return (theta[self.of] * self.shape).sum(axis=1)
@@ -59,9 +54,6 @@ class Solid(System):
         along = np.einsum("gi,gai->ga", flux, self.slopes)
         made = (flux * slope).sum(axis=1)
         return {"s": self.of.sums(self.weight[:, None] * (made[:, None] * self.shape - along))}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
 
     def invariants(self, z: Any) -> Any:
         m, p = np.cross(z.q, z.p).sum(axis=0), z.p.sum(axis=0)

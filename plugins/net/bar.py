@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
+from tcbench.systems.canonical import Canonical, conduction
 
 
-class Bar(System):
+class Bar(Canonical):
     """u, p: displacements and momenta of the nodes; s, alpha: entropies and viscous strains of the elements."""
 
     name = "bar"
@@ -36,21 +37,13 @@ class Bar(System):
         heat = warm * (self.expansion * e + c * (np.exp((z.s / self.length - self.expansion * e) / c) - 1.0))
         return (z.p**2 / (2 * self.mass)).sum() + (self.length * (stored + heat)).sum()
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
         return {"u": dE.p, "p": -dE.u}
 
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        a, b = dE.s[self.faces].T
-        apart = self.length[self.faces].sum(axis=1) / 2
-        conduction = self.faces.sums(np.stack([(b - a) / (a * apart), (a - b) / (b * apart)], axis=1))
+        conducted = conduction(dE.s, self.faces, 2 * self.conductivity / self.length[self.faces].sum(axis=1))
         flow = -dE.alpha / (self.viscosity * self.length)
-        return {"alpha": flow, "s": self.conductivity * conduction - flow * dE.alpha / dE.s}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
+        return {"alpha": flow, "s": conducted - flow * dE.alpha / dE.s}
 
     def points(self, z: Any) -> Any:
         """The elements, stretched, side by side."""

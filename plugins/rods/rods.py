@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import Scenario, System
+from tcbench import Scenario
+from tcbench.systems.canonical import Canonical
 
 from .sources import BETSCH
 
@@ -14,7 +15,7 @@ GRAVITY = 9.81
 ANGULAR = "angular_momentum_"
 
 
-class Rods(System):
+class Rods(Canonical):
     """Each rod joins two masses, or a mass and a fixed point; each joint is a pair of masses that share a neighbour."""
 
     name = "rods"
@@ -37,12 +38,6 @@ class Rods(System):
         x = np.concatenate([z.q, self.anchors])[self.ends]
         return {"lam": (((x[:, 1] - x[:, 0]) ** 2).sum(axis=1) - self.length**2) / 2}
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
-    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """A joint that closes or opens rubs, along the line between the masses, and heats both."""
         (a, b), v, x = dE.s[self.pairs].T, dE.p[self.pairs], z.q[self.pairs]
@@ -52,9 +47,6 @@ class Rods(System):
         flow = self.conductivity * (b - a)
         heat = np.stack([(made + flow) / a, (made - flow) / b], axis=1)
         return {"p": self.pairs.sums(np.stack([push, -push], axis=1)), "s": self.pairs.sums(heat)}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
 
     def exergy_offset(self) -> Any:
         """Minus the energy of the state of rest at temperature 1, or less: `lowest`."""

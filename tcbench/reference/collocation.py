@@ -22,9 +22,8 @@ SOLVED, NOISE = 1e-15, 1e-10  # a correction that ends an iteration; one below w
 
 
 class Field(Protocol):
-    """An autonomous right-hand side: of a state (m,), of states (s, m) at once, and its Jacobian (m, m)."""
+    """An autonomous right-hand side of states (s, m), and its Jacobian (m, m) at one."""
 
-    def rate(self, t: float, z: Floats) -> Floats: ...
     def rows(self, z: Floats) -> Floats: ...
     def jacobian(self, t: float, z: Floats) -> Floats: ...
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .canonical import conduction
 from .pendulum import Springs
 
 
@@ -35,8 +36,7 @@ class SpringNetwork(Springs):
 
     def conduction(self, theta: Any) -> Any:
         """Eq. (22) for each two springs that share a mass."""
-        a, b = theta[self.pairs].T
-        return self.pairs.sums(np.stack([self.conductivity * ((b - a) / a), self.conductivity * ((a - b) / b)], axis=1))
+        return conduction(theta, self.pairs, self.conductivity)
 
     def points(self, q: Any) -> Any:
         """The ends of the springs in the plane; of one in space x and z."""

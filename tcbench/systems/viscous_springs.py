@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import positive
+from .canonical import Canonical, conduction
 from .scenario import Scenario
-from .system import System
 
 
-class ViscousSprings(System):
+class ViscousSprings(Canonical):
     """Masses in the plane, and standard linear solids in the place of springs; each two at a mass conduct heat.
 
     alpha is the log strain of a spring's dashpot, whose flow heats that spring.
@@ -44,21 +44,10 @@ class ViscousSprings(System):
         springs = self.stiffness / 2 * L**2 + self.branch / 2 * (L - z.alpha) ** 2
         return (z.p**2 / (2 * self.masses[:, None])).sum() + (springs + heat).sum()
 
-    def entropy(self, z: Any) -> Any:
-        return z.s.sum()
-
-    def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
         """Conduction, eq. (22), and the flow of the dashpots, whose power is heat."""
-        a, b = dE.s[self.pairs].T
-        conduction = self.pairs.sums(self.conductivity * np.stack([(b - a) / a, (a - b) / b], axis=1))
         flow = -dE.alpha / self.viscosity
-        return {"alpha": flow, "s": conduction - flow * dE.alpha / dE.s}
-
-    def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        return dE.s
+        return {"alpha": flow, "s": conduction(dE.s, self.pairs, self.conductivity) - flow * dE.alpha / dE.s}
 
     def points(self, z: Any) -> Any:
         """The springs in the plane; of a bar in space x and z."""

@@ -1,7 +1,6 @@
 """References that are read, and references that are computed on the fly, are as accurate as they say."""
 
 import json
-import warnings
 from decimal import Decimal, localcontext
 from pathlib import Path
 
@@ -69,28 +68,6 @@ def test_a_collocation_reaches_1e_14_on_a_stiff_problem():
     assert max(made.certificate) < 1e-13
     for t, z in zip(made.times, made.states, strict=True):
         assert R.gap(z, oscillator_exact(t)) < 4e-15
-
-
-def test_a_check_that_did_not_arrive_or_is_no_number_agrees_with_nothing(monkeypatch):
-    """What odeint leaves in its arrays beyond the place where it stopped is anything, an earlier solution above all."""
-    times, z0 = (1.0, 2.0, 3.0), np.array([1.0])
-    states = np.exp(-np.array(times))[:, None]
-    decay = lambda t, z: -z  # noqa: E731
-    assert max(R._gaps(R._by_scipy(decay, None, z0, times), states)) < 1e-9
-    late = lambda t, z: -z if t < 1.5 else np.full(1, np.nan)  # noqa: E731
-    gaps = R._gaps(R._by_scipy(late, None, z0, times), states)
-    assert gaps[0] < 1e-9 and gaps[1:] == [np.inf] * 2
-    monkeypatch.setattr(R, "MOST_STEPS", 5)
-    assert R._gaps(R._by_scipy(decay, None, z0, times), states) == [np.inf] * 3
-
-
-@pytest.mark.filterwarnings("error")
-def test_what_odeint_says_is_not_heard_and_the_filters_of_other_threads_stay(monkeypatch):
-    """A block without warnings puts those filters back that another thread's block had set: before Python 3.14."""
-    monkeypatch.setattr(R, "MOST_STEPS", 1)
-    seen = []
-    R._by_scipy(lambda t, z: seen.append(warnings.filters) or -z, None, np.ones(1), (1.0,))
-    assert all(filters is warnings.filters for filters in seen)
 
 
 def test_a_non_smooth_problem_gets_a_poor_certificate_not_a_good_one():
