@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -90,7 +89,7 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
 
 def records(tables: Mapping[str, DataFrame]) -> dict[str, Any]:
     """Tables by name as lists of rows, for JSON."""
-    return {name: json.loads(t.to_json(orient="records", double_precision=15)) for name, t in tables.items()}
+    return {name: table.to_dict("records") for name, table in tables.items()}
 
 
 def short_ladder(dt: Sequence[float] | None, tables: Mapping[str, DataFrame]) -> list[str]:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+import orjson
 import rich.table
 from rich.console import Console
 
 from ..errors import visible
-from ..report.html import strict
 from ..studies.base import known_tables
 from ..studies.columns import column, shown_columns
 from ..studies.conservation import CONSERVATION
@@ -54,7 +53,8 @@ def warn(sentences: Sequence[str]) -> None:
 
 def print_json(data: Any) -> None:
     """Strict JSON: NaN and infinities become null."""
-    sys.stdout.write(json.dumps(strict(data), indent=1) + "\n")
+    options = orjson.OPT_INDENT_2 | orjson.OPT_NON_STR_KEYS | orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE
+    sys.stdout.write(orjson.dumps(data, lambda v: v.tolist() if hasattr(v, "tolist") else str(v), options).decode())
 
 
 def number(value: Any) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
@@ -133,7 +133,7 @@ def _one_ensemble(records: Sequence[Row]) -> dict[str, DataFrame]:
 
     known = scenario_rows(records)
     ladders = with_errors(records, known)
-    runs = run_table(records)
+    runs = pd.DataFrame([*run_rows(records)])
     profiles, firsts = profile_rows(records, ladders, known)
     scenarios = [{k: v for k, v in row.items() if k != "state"} for row in known.values()]
     rows = {
@@ -148,54 +148,30 @@ def _one_ensemble(records: Sequence[Row]) -> dict[str, DataFrame]:
 # -- failures and laws
 
 
-def run_table(records: Sequence[Row]) -> DataFrame:
-    """One row a run: integrator, claims, control, value, seed, kind, sentence, and for each law its error `law.NAME`
-    and whether it was broken, `broken.NAME`. Runs of adaptive solvers are those of the timings."""
-    import pandas as pd
-
-    parts: list[Row] = []
+def run_rows(records: Sequence[Row]) -> Iterator[Row]:
+    """Each run: integrator, claims, control, value, seed, kind, sentence, and for each law its error `law.NAME` and
+    whether it was broken, `broken.NAME`. Runs of adaptive solvers are those of the timings; of a cell that timed out or
+    crashed all runs are lost."""
     for record in records:
+        common = {"integrator": record["integrator"], "claims": frozenset(record.get("claims", ()))}
+        seeds = range(*record["seeds"])
         if record["part"] == "shares":
-            parts += stepped_runs(record)
+            gone = LOST if record.get("status") in ("timeout", "crash") else "exception"
+            for row in record.get("rows") or [{"dt": dt} for dt in record["dt"]]:
+                for i, seed in enumerate(seeds):
+                    sentence = row.get("sentences", {}).get(str(i), record.get("failure", ""))
+                    kind = KINDS[row["kinds"][i]] if "kinds" in row else gone
+                    of_laws = {f"law.{name}": values[i] for name, values in row.get("laws", {}).items()}
+                    of_laws |= {f"broken.{name}": values[i] for name, values in row.get("broken", {}).items()}
+                    told = {"control": "dt", "value": row["dt"], "seed": seed, "kind": kind, "sentence": sentence}
+                    yield common | told | of_laws
         elif record["part"] == "timings" and record.get("control") == "tolerance":
-            parts += adaptive_runs(record)
-    columns = list(dict.fromkeys(name for part in parts for name in part))
-    found: dict[str, list[Any]] = {name: [] for name in columns}
-    for part in parts:  # a list a column, or one value for all of them
-        count = len(part["seed"])
-        for name, column in found.items():
-            values = part.get(name, math.nan)
-            column += values if isinstance(values, list) else [values] * count
-    return pd.DataFrame(found)
-
-
-def stepped_runs(record: Row) -> list[Row]:
-    """A block of scenarios at each step; all of them lost where the cell timed out or crashed."""
-    seeds = list(range(*record["seeds"]))
-    method = {"integrator": record["integrator"], "claims": frozenset(record.get("claims", ())), "control": "dt"}
-    gone = LOST if record.get("status") in ("timeout", "crash") else "exception"
-    lost: Row = {"kinds": [], "laws": {}, "broken": {}, "sentences": {}}
-    found = []
-    for row in record.get("rows") or [lost | {"dt": dt} for dt in record["dt"]]:
-        sentences = [row["sentences"].get(str(i), record.get("failure", "")) for i in range(len(seeds))]
-        part = {"value": row["dt"], "seed": seeds, "kind": [KINDS[k] for k in row["kinds"]] or gone}
-        found.append(method | part | {"sentence": sentences} | _law_columns(row))
-    return found
-
-
-def _law_columns(row: Row) -> Row:
-    laws = {f"law.{name}": values for name, values in row.get("laws", {}).items()}
-    return laws | {f"broken.{name}": values for name, values in row.get("broken", {}).items()}
-
-
-def adaptive_runs(record: Row) -> list[Row]:
-    """Each rung of each scenario; laws of those that were observed."""
-    method = {"integrator": record["integrator"], "claims": frozenset(record["claims"]), "control": "tolerance"}
-    return [
-        method | {"value": rung["value"], "seed": [seed], "kind": KINDS[rung["kind"]]}
-        | {"sentence": rung.get("sentence", "")} | _law_columns(rung)
-        for seed, rungs in zip(range(*record["seeds"]), record["ladders"], strict=True) for rung in rungs
-    ]  # fmt: skip
+            for seed, rungs in zip(seeds, record["ladders"], strict=True):
+                for rung in rungs:  # laws of those that were observed
+                    of_laws = {f"law.{name}": value for name, value in rung.get("laws", {}).items()}
+                    of_laws |= {f"broken.{name}": value for name, value in rung.get("broken", {}).items()}
+                    told = {"control": "tolerance", "value": rung["value"], "seed": seed, "kind": KINDS[rung["kind"]]}
+                    yield common | told | {"sentence": rung.get("sentence", "")} | of_laws
 
 
 def share_rows(runs: DataFrame) -> list[Row]:
