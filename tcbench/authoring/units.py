@@ -24,7 +24,7 @@ from ..errors import TcbenchError, unknown_name
 from ..systems.as_written import place
 from ..systems.system import System
 
-REGISTRY = pint.UnitRegistry(cache_folder=None)
+REGISTRY: Any = pint.UnitRegistry(cache_folder=None)
 NONE = REGISTRY.Unit("")
 SHOWN = ("J", "N", "W", "Pa", "Hz", "C", "V", "F", "ohm", "H", "Wb", "T", "S")  # what a product is called that is one
 DEFAULTS = {"energy": "J", "entropy": "J/K", "time": "s"}
@@ -187,7 +187,8 @@ def unit(text: str) -> Unit:
         try:
             return Unit(REGISTRY.Unit(text))
         except pint.UndefinedUnitError as error:
-            (name, *_) = [error.unit_names] if isinstance(error.unit_names, str) else error.unit_names
+            names: Any = error.unit_names  # a word, or several
+            name = names if isinstance(names, str) else names[0]
             if not name.isidentifier():
                 break
             REGISTRY.define(f"{name} = [{name}]")
