@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 POINTS = 180  # states that a row keeps
 DIGITS, DIGITS_LOST = 9, 6  # of what a row keeps: of states, and of what a law has lost
 LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
+RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
 
 
@@ -87,35 +88,17 @@ def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[float]]:
 
 
 def tables(records: Iterable[Mapping[str, Any]]) -> dict[str, DataFrame]:
-    """The tables `series` and `opening` of rows that kept them: one row a state."""
+    """The tables `series` and `opening` of rows that kept them: one row a state, NaN where a run has no such column."""
     import pandas as pd
 
-    found: dict[str, list[tuple[dict[str, Any], Mapping[str, Any]]]] = {name: [] for name in ROW}
+    frames: dict[str, list[DataFrame]] = {name: [] for name in ROW}
     for record in records:
-        whole = record.get("series")
-        if whole:
-            parts = {"series": whole} | ({"opening": record.get("opening") or whole} if record.get("dt") else {})
-            known = {name: record.get(name) for name in ("integrator", "scenario", "dt", "tolerance", "status")}
-            for name, part in parts.items():
-                found[name].append(({k: v for k, v in known.items() if v is not None}, part))
-    return {name: pd.DataFrame(_joined(parts)) for name, parts in found.items() if parts}
-
-
-def _joined(parts: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> dict[str, Any]:
-    """The columns of all parts one below the other; NaN where a part has no such column."""
-    names = dict.fromkeys(name for known, part in parts for name in (*known, *part))
-    sizes = [len(next(iter(part.values()))) for _, part in parts]
-    texts = {name for known, _ in parts for name, value in known.items() if isinstance(value, str)}
-    joined: dict[str, Any] = {}
-    for name in names:
-        if name in texts:
-            joined[name] = [known.get(name) for (known, _), size in zip(parts, sizes, strict=True) for _ in range(size)]
-        else:
-            joined[name] = np.concatenate([
-                part[name] if name in part else np.full(size, known.get(name, np.nan), dtype=float)
-                for (known, part), size in zip(parts, sizes, strict=True)
-            ])  # fmt: skip
-    return joined
+        if whole := record.get("series"):
+            run = {name: record[name] for name in RUN if record.get(name) is not None}
+            frames["series"].append(pd.DataFrame(run | dict(whole)))
+            if record.get("dt"):
+                frames["opening"].append(pd.DataFrame(run | dict(record.get("opening") or whole)))
+    return {name: pd.concat(parts, ignore_index=True) for name, parts in frames.items() if parts}
 
 
 def trajectory(run: Trajectory) -> DataFrame:

@@ -89,7 +89,7 @@ class ElementSystem(ThermalVariables, System):
         raise TypeError(f"{type(self).__name__} must define shape()")
 
     def element_energy(self, pi: Any, s: Any) -> Any:
-        """Internal energy of each element, a function of its own strain measure and entropy."""
+        """Internal energies, shape (n_elements,), each a function of the element's own strain measure and entropy."""
         raise TypeError(f"{type(self).__name__} must define element_energy()")
 
     def conduction(self, theta: Any) -> Any:
@@ -97,11 +97,11 @@ class ElementSystem(ThermalVariables, System):
         raise TypeError(f"{type(self).__name__} must define conduction()")
 
     def entropies(self, q: Any, theta: Any) -> Any:
-        """Entropies at given temperatures: the inverse of theta = de/ds."""
+        """Entropies at given temperatures theta, shape (n_elements,) each: the inverse of theta = de/ds."""
         raise TypeError(f"{type(self).__name__} must define entropies()")
 
     def invariants(self, q: Any, p: Any) -> dict[str, Any]:  # type: ignore[override]
-        """Conserved momenta by name; none by default."""
+        """Conserved momenta, a number by name, of q and p, shape (n_positions,) each; none by default."""
         return {}
 
     def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
@@ -225,7 +225,7 @@ class ElementSystem(ThermalVariables, System):
         return self.dissipation(self.state(dE).s)
 
     def dissipation(self, theta: Any) -> State:
-        """M(theta) DS as a vector of the size of z; never M times DS, which cancels."""
+        """M(theta) DS, shape (size,), of temperatures (n_elements,); never M times DS, which cancels."""
         still = ArraySymbol("position", trace.const(0.0)) if self.by_array else np.zeros(self.n_positions)
         return self.state(np.concatenate([still, still, self.conduction(theta)]))
 
@@ -260,13 +260,13 @@ class ElementSystem(ThermalVariables, System):
 
     @derived
     def temperatures(self, z: Any) -> Any:
-        """theta = de/ds of each element."""
+        """theta = de/ds of each element, shape (n_elements,)."""
         z = self.state(z)
         return self.element_slopes(self.shape(z.q), z.s)[1]
 
     @derived
     def shapes(self, z: Any) -> Any:
-        """The strain measures pi at a state."""
+        """The strain measures pi at a state, shape (n_elements,)."""
         return self.shape(self.state(z).q)
 
     @derived
@@ -291,7 +291,7 @@ class ElementSystem(ThermalVariables, System):
 
     @derived
     def temperature_field(self, y: Any) -> Any:
-        """d(q, p, theta)/dt, by the chain rule from the vector field."""
+        """d(q, p, theta)/dt, shape (size,), by the chain rule from the vector field."""
         z, here = self.unknowns("z"), self.entropy_variables(y)
         outputs = self.temperature_variables(z)
         rates = dict(zip(entries(z), map(trace.lifted, entries(self.vector_field(here))), strict=True))

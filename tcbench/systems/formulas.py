@@ -36,17 +36,18 @@ class Formulas(LeastSizes):
 
     @derived
     def energy(self, z: Any) -> Any:
-        """Total energy E(z)."""
+        """Total energy E(z) of a state, z of shape (size,): one number."""
         raise TcbenchError(f"{type(self).__name__} must define energy(z), a formula of its variables: one number.")
 
     @derived
     def entropy(self, z: Any) -> Any:
-        """Total entropy S(z)."""
+        """Total entropy S(z), likewise."""
         raise TcbenchError(f"{type(self).__name__} must define entropy(z), a formula of its variables: one number.")
 
     @derived
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        """L(z) dE: rates by the name of their variable; those that are not named are 0."""
+        """L(z) dE, of covectors of shape (size,): rates by the name of their variable, each of its shape; those that are
+        not named are 0."""
         return self._by_matrix("poisson", z, dE, dS)
 
     @derived
@@ -69,7 +70,7 @@ class Formulas(LeastSizes):
         return np.zeros((self.size, self.size))
 
     def invariants(self, z: Any) -> dict[str, Any]:
-        """What else is conserved, by name; none by default."""
+        """What else is conserved, a number by name; none by default."""
         return {}
 
     def constraints(self, z: Any) -> dict[str, Any]:
@@ -77,11 +78,12 @@ class Formulas(LeastSizes):
         return {}
 
     def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        """Absolute temperatures, one or several, from the gradients; they must stay positive. None by default."""
+        """Absolute temperatures, one or an array (n_temperatures,), from the gradients, shape (size,) each; they must stay
+        positive. None by default."""
         return []
 
     def measures(self, z: Any) -> Any:
-        """What else must stay positive: lengths, volumes, concentrations. None by default."""
+        """What else must stay positive, a number or an array: lengths, volumes, concentrations. None by default."""
         return []
 
     def points(self, z: Any) -> Any:

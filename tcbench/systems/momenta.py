@@ -13,12 +13,12 @@ from .element_system import ElementSystem
 
 
 def lengthening(p: Any, x: Any) -> Any:
-    """What makes p carry 1 + x times its kinetic energy: sqrt(1 + x) - 1 with its digits, times p."""
+    """What makes p (n,) carry 1 + x times its kinetic energy: sqrt(1 + x) - 1 with its digits, times p."""
     return p * (x / (1.0 + np.sqrt(1.0 + x)))
 
 
 def restored_momenta(z0: Any, system: ElementSystem, invariants: dict[str, Any]) -> tuple[Any, Any]:
-    """p with these values of the invariants, and the part of it that carries none.
+    """p (n_positions,) with these values of the invariants, and the part of it (n_positions,) that carries none.
 
     Raises TcbenchError for invariants that are not linear in the momenta.
     """

@@ -218,7 +218,7 @@ class System(Formulas):
 
     @derived
     def momenta(self, z: Any) -> Any:
-        """The invariants in the order of `invariant_names`."""
+        """The invariants in the order of `invariant_names`, shape (n_invariants,)."""
         return trace.array(map(trace.lifted, self._conserved(z).values()))
 
     def _conserved(self, z: Any) -> dict[str, Any]:
@@ -226,14 +226,14 @@ class System(Formulas):
         return self.invariants(self.state(z))
 
     def momenta_gradients(self, z: Any) -> list[State]:
-        """Gradients of the invariants, on symbols."""
+        """Gradients of the invariants, shape (size,) each, on symbols."""
         x = self.unknowns("x")
         found = [chain_rule.gradient(f, entries(x)) for f in self.momenta(x)]
         here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
         return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in found]
 
     def momenta_discrete_gradients(self, z0: Any, z1: Any) -> list[State]:
-        """Discrete gradients of the invariants, on symbols: DJ . (z1 - z0) = J(z1) - J(z0), whatever J is."""
+        """Discrete gradients of the invariants, shape (size,) each, on symbols: DJ . (z1 - z0) = J(z1) - J(z0)."""
         x = self.unknowns("x")
         start, step = [*map(trace.lifted, entries(z0))], [*map(trace.lifted, entries(z1 - z0))]
         found = [chain_rule.discrete_gradient(trace.lifted(f), entries(x), start, step) for f in self.momenta(x)]
@@ -282,7 +282,7 @@ class System(Formulas):
 
     @derived
     def discrete_gradient(self, z0: Any, z1: Any) -> Any:
-        """D E(z0, z1) with DE . (z1 - z0) = E(z1) - E(z0), symmetric: eq. (8)."""
+        """D E(z0, z1), shape (size,), with DE . (z1 - z0) = E(z1) - E(z0), symmetric: eq. (8)."""
         return self._slopes("energy", z0, z1)
 
     @derived
@@ -309,7 +309,7 @@ class System(Formulas):
         return f + constrained.paired(self.pull, constrained.conditions(self, x))
 
     def discrete_gradients(self, z0: Any, z1: Any) -> tuple[State, State]:
-        """D E(z0, z1) and D S(z0, z1)."""
+        """D E(z0, z1) and D S(z0, z1), shape (size,) each."""
         return self.discrete_gradient(z0, z1), self.discrete_entropy_gradient(z0, z1)
 
     def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
@@ -325,7 +325,7 @@ class System(Formulas):
 
     @derived
     def vector_field(self, z: Any) -> Any:
-        """dz/dt = L grad E + M grad S, eq. (1); under constraints with the multipliers of their velocity form."""
+        """dz/dt = L grad E + M grad S, shape (size,), eq. (1); under constraints with the multipliers of their velocity form."""
         if self.multipliers and self.pull is None:
             if self.by_array:
                 raise TcbenchError(
@@ -343,17 +343,17 @@ class System(Formulas):
 
     @derived
     def temperatures(self, z: Any) -> Any:
-        """The temperatures at a state."""
+        """The temperatures at a state, shape (n_temperatures,)."""
         return in_one_row(self.temperature(*(self.state(x) for x in (z, self.gradient(z), self.entropy_gradient(z)))))
 
     @derived
     def shapes(self, z: Any) -> Any:
-        """What else must stay positive, at a state."""
+        """What else must stay positive, at a state, in one row."""
         return in_one_row(self.measures(self.state(z)))
 
     @derived
     def free_rate(self, z: Any) -> Any:
-        """dz/dt as if there were no constraints."""
+        """dz/dt as if there were no constraints, shape (size,)."""
         covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
         return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
 
@@ -363,7 +363,7 @@ class System(Formulas):
 
     @derived
     def constraint_values(self, z: Any) -> Any:
-        """What has to be 0, in one row."""
+        """What has to be 0, in one row, shape (n_constraints,)."""
         return in_one_row(constrained.conditions(self, z))
 
     @derived
@@ -378,7 +378,7 @@ class System(Formulas):
 
     @derived
     def observe(self, z: Any) -> Any:
-        """(E, S, invariants..., temperatures..., strain measures...): what a run records at each step."""
+        """(E, S, invariants..., temperatures..., strain measures...), shape (n_observables,): what a run records at each step."""
         parts = [[self.energy(z), self.entropy(z)], self.momenta(z), self.temperatures(z), self.shapes(z)]
         return np.concatenate(parts)
 

@@ -40,13 +40,13 @@ class ThermalVariables(Base):
 
     @derived
     def temperature_variables(self, z: Any) -> Any:
-        """(q, p, theta) from (q, p, s)."""
+        """(q, p, theta) from (q, p, s), shape (size,) each."""
         z = self.state(z)
         return self.named(np.concatenate([z.q, z.p, self.temperatures(z)]), "theta")
 
     @derived
     def entropy_variables(self, y: Any) -> Any:
-        """(q, p, s) from (q, p, theta)."""
+        """(q, p, s) from (q, p, theta), shape (size,) each."""
         y = self.named(y, "s")  # whatever its last block is called
         return self.state(np.concatenate([y.q, y.p, self.entropies(y.q, y.s)]))
 
@@ -58,7 +58,7 @@ class ThermalVariables(Base):
 
     @derived
     def variables_of_energies(self, y: Any) -> Any:
-        """(q, p, s) from (q, p, u)."""
+        """(q, p, s) from (q, p, u), shape (size,) each."""
         y = self.named(y, "s")
         _, s = self.by_thermal_variable("energy", self.shape(y.q), y.s)
         return self.state(np.concatenate([y.q, y.p, s]))
