@@ -46,8 +46,8 @@ class Formulas(LeastSizes):
 
     @derived
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        """L(z) dE, of covectors of shape (size,): rates by the name of their variable, each of its shape; those that are
-        not named are 0."""
+        """L(z) dE, of covectors of shape (size,): rates by the name of their variable, each of its shape; what is
+        not named is 0."""
         return self._by_matrix("poisson", z, dE, dS)
 
     @derived
@@ -78,7 +78,7 @@ class Formulas(LeastSizes):
         return {}
 
     def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
-        """Absolute temperatures, one or an array (n_temperatures,), from the gradients, shape (size,) each; they must stay
+        """Absolute temperatures, one or an array (n_temperatures,), from the gradients, shape (size,); they must stay
         positive. None by default."""
         return []
 

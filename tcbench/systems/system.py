@@ -325,7 +325,7 @@ class System(Formulas):
 
     @derived
     def vector_field(self, z: Any) -> Any:
-        """dz/dt = L grad E + M grad S, shape (size,), eq. (1); under constraints with the multipliers of their velocity form."""
+        """dz/dt = L grad E + M grad S, shape (size,), eq. (1); under constraints with their multipliers."""
         if self.multipliers and self.pull is None:
             if self.by_array:
                 raise TcbenchError(
@@ -378,7 +378,7 @@ class System(Formulas):
 
     @derived
     def observe(self, z: Any) -> Any:
-        """(E, S, invariants..., temperatures..., strain measures...), shape (n_observables,): what a run records at each step."""
+        """(E, S, invariants..., temperatures..., strain measures...), shape (n_observables,): a record of a step."""
         parts = [[self.energy(z), self.entropy(z)], self.momenta(z), self.temperatures(z), self.shapes(z)]
         return np.concatenate(parts)
 
