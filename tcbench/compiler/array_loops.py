@@ -33,7 +33,8 @@ class Loop:
 
     def __init__(self, writer: Any, depth: int, space: str, i: str) -> None:
         self.w, self.i, self.lines = writer, i, list[str]()
-        self.names, self.indices = dict(writer.names), dict[Path, str]()
+        self.names: dict[int, str] = dict(writer.names)
+        self.indices: dict[Path, str] = {}
         self.here = [
             x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given
         ]
@@ -87,7 +88,8 @@ class Loop:
     def _entry(self, terms: Sequence[int], which: str) -> str:
         """Where the slope of a term belongs in the Jacobian."""
         place = f"table[{self.w.slot('places', *terms)} + {len(terms)} * {self.i} + {which}]"
-        return self.w.item(Place("out", self.w.terms_at), place)
+        item: str = self.w.item(Place("out", self.w.terms_at), place)
+        return item
 
     def _entries(self, terms: Sequence[int], group: range, values: Sequence[str]) -> None:
         """Add slopes of one group among several into the Jacobian, by a loop."""

@@ -116,12 +116,12 @@ def _array_flow(flow: Flow, net: Any) -> Made:
     polish = array_kernel(reads, before + warm, behind=True)
     finish, full = array_kernel(reads, net.blocks(dz)), array_kernel(reads, alone(d_dh, unknowns))
     steep, constrained_ = has_roots(residual), bool(impulses)
-    blocks, terms = tuple(alone(unknowns)), tuple((i, term) for i, term, _ in flat)
+    blocks, entries_of = alone(unknowns), [(i, term) for i, term, _ in flat]
     warm_spaces, shared_spaces = [v.space for v in positive], [x.space for x in shared]
 
     def kernels(mesh: Mesh) -> FlowKernels:
         n, n_positive, empty = mesh.offsets(blocks)[-1], sum(map(mesh.size, warm_spaces)), kernel({}, [])
-        pattern, places = _pattern(mesh, blocks, terms, n_positive) if n else (None, [])
+        pattern, places = _pattern(mesh, blocks, entries_of, n_positive) if n else (None, [])
         opening = opened.kernel(mesh)
         return FlowKernels(
             setup=empty, prologue=opening, opening=opening,
