@@ -1,17 +1,14 @@
 """tc_gauss: its order, its laws over long times and on two systems, and its compiled form against plain numpy."""
 
-from typing import ClassVar
 
 import numpy as np
 import pytest
 from laws import assert_laws
 from states import with_elements
-from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.tc_gauss.formulas import POINTS, coefficients
 from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
 
 import tcbench
-from tcbench import ElementSystem
 from tcbench.plugins import find_integrator
 from tcbench.reference.lookup import reference_for
 
@@ -106,47 +103,8 @@ def test_the_compiled_step_is_the_formula(k):
     assert np.allclose(method.increments(scenario.z0, 0.05), expected, rtol=1e-12, atol=1e-14)
 
 
-class OneSpring(ElementSystem):
-    """A mass on a spring that cools when stretched: one element, whose heat is small beside its work."""
-
-    name = "one_spring"
-    n_positions = 2
-    n_elements = 1
-    constants: ClassVar = {"stiffness": (), "heat_capacity": ()}
-
-    def inertia(self):
-        return np.ones(2)
-
-    def shape(self, q):
-        return np.array([q @ q])
-
-    def element_energy(self, pi, s):
-        strain = 0.5 * np.log(pi)
-        heat = np.exp((s - 0.1 * strain) / self.heat_capacity)
-        return self.stiffness / 2 * strain**2 + self.heat_capacity * heat
-
-    def conduction(self, theta):
-        return 0.0 * theta
-
-    def invariants(self, q, p):
-        return {}
-
-    def entropy_scale(self):
-        return self.heat_capacity
 
 
-@pytest.mark.parametrize(("elements", "k"), [(1, 5), (3, 2)])
-def test_adaptive_steps_on_systems_with_other_numbers_of_elements(elements, k):
-    if elements == 1:
-        system, z0 = OneSpring(stiffness=100.0, heat_capacity=1.0), np.array([1.2, 0.0, 0.0, 1.0, 0.1])
-    else:
-        system, z0 = chain(3).model, chain(3).z0
-    method, times = GaussMethod(system, k), np.array([0.0, 0.5, 1.0])
-    (rough, _), (fine, _) = (method.adaptive(z0, times, tolerance) for tolerance in (1e-5, 1e-9))
-    np.testing.assert_allclose(rough, fine, rtol=1e-4, atol=1e-4)
-    E = [system.energy(z) for z in rough]
-    assert max(abs(E[i] - E[0]) for i in (1, 2)) <= 1e-12 * abs(E[0])
-    assert np.all(np.diff([z[2 * system.n_positions :].sum() for z in rough]) >= -1e-13)
 
 
 def test_a_step_without_a_root_is_an_error_that_becomes_a_row():

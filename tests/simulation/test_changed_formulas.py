@@ -1,6 +1,5 @@
 """A formula that changed in the session is traced again: globals, closures, helpers, and those of a System."""
 
-import importlib
 import types
 
 import numpy as np
@@ -36,22 +35,6 @@ def test_a_global_that_changes_between_two_runs_is_seen(monkeypatch):
         monkeypatch.setitem(globals(), "THETA", theta)
         found.append(error(method))
     assert found == [alone(0.5), alone(1.0), alone(0.5)] and found[0] != found[1]
-
-
-def test_what_a_helper_module_holds_is_seen(tmp_path, monkeypatch):
-    (tmp_path / "weights_of_mine.py").write_text(
-        "theta = 0.5\ndef mean(a, b):\n    return (1 - theta) * a + theta * b\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    weights = importlib.import_module("weights_of_mine")
-
-    def formula(z0, z1, h, system):
-        return z1 - z0 - h * system.vector_field(weights.mean(z0, z1))
-
-    method = Integrator(name="mine", order=1, flows=formula)
-    first = error(method)
-    weights.theta = 1.0
-    assert (first, error(method)) == (alone(0.5), alone(1.0))
 
 
 def test_an_attribute_of_a_namespace_in_a_closure_is_seen():

@@ -1,6 +1,5 @@
 """Runs that are ended where they fail, and runs that several cells share."""
 
-import json
 import math
 import time
 
@@ -11,7 +10,6 @@ import tcbench
 from tcbench import Integrator
 from tcbench.simulation import shared_runs
 from tcbench.simulation.python_loop import POINTS
-from tcbench.studies import work_precision
 
 SCENARIO = tcbench.scenarios()["short_term"].replace(t_end=1.0)
 
@@ -104,24 +102,6 @@ def test_a_run_is_made_once_and_measured_as_if_it_were_ones_own(tmp_path):
         assert len(calls) == 7  # nobody to share with
 
 
-def test_short_runs_and_damaged_ones_are_made_again(tmp_path, monkeypatch):
-    calls = []
-    with shared_runs.kept_in(str(tmp_path)):
-        with monkeypatch.context() as patch:
-            patch.setattr(shared_runs, "SHORTEST_S", 60.0)  # however busy the machine is
-            for _ in range(2):
-                tcbench.simulate(resting(calls), SCENARIO)
-        assert len(calls) == 2 and not list(tmp_path.iterdir())
-        slow = resting(calls, 2 * shared_runs.SHORTEST_S)
-        run = tcbench.simulate(slow, SCENARIO)
-        (path,) = tmp_path.iterdir()
-        assert len(json.loads(path.read_text())["states"]) == POINTS + 1
-        path.write_text('{"states": [[1.0')
-        assert same(tcbench.simulate(slow, SCENARIO), run) and len(calls) == 4
-    with shared_runs.kept_in(str(tmp_path / "gone")):
-        assert tcbench.simulate(slow, SCENARIO).ok
-
-
 def test_a_failure_of_a_solver_is_shared_too(tmp_path):
     calls = []
 
@@ -133,29 +113,6 @@ def test_a_failure_of_a_solver_is_shared_too(tmp_path):
     with shared_runs.kept_in(str(tmp_path)):
         one, other = (tcbench.simulate(Integrator(name="failing", adaptive=failing), SCENARIO) for _ in range(2))
     assert len(calls) == 1 and one.status == other.status == "nonconverged" and one.failure == other.failure
-
-
-def test_the_timed_cell_reads_what_the_one_before_has_made(tmp_path, monkeypatch):
-    monkeypatch.setattr(work_precision, "SLOW_S", math.inf)  # no run is slow, however busy the machine is
-    monkeypatch.setattr(work_precision, "SPENT_S", 1e-9)  # no run is repeated, however busy the machine is
-    monkeypatch.setattr(work_precision, "QUICK_S", -1.0)  # no run is quick: this one waits, and works little
-    calls = []
-    method, options = resting(calls, 0.03), {"part": work_precision.LAWS}
-    pairs = work_precision.plan([method, tcbench.integrators()["tc_monolithic"]], [SCENARIO], {})
-    assert [(i.name, o) for i, _, o in pairs] == [("resting", options), ("resting", {}), ("tc_monolithic", {})]
-    assert [work_precision.STUDY.is_timed(o) for _, _, o in pairs] == [False, True, True]
-    assert work_precision.measure(method, SCENARIO, options)["made"] == len(calls) == 0  # nobody to share with
-    with shared_runs.kept_in(str(tmp_path)):
-        assert work_precision.measure(method, SCENARIO, options)["made"] == len(work_precision.TOLERANCES)
-        made = len(calls)
-    alone = work_precision.measure(method, SCENARIO, {})
-    own = len(calls) - made
-    with shared_runs.kept_in(str(tmp_path)):
-        row = work_precision.measure(method, SCENARIO, {})
-        assert shared_runs.found() == len(work_precision.TOLERANCES)
-    assert len(calls) - made - own == own  # a run in place of each that was read: it loads and compiles
-    for name in ("value", "status", "energy_error_max", "angular_momentum_error_max", "entropy_fall_max", "error"):
-        assert repr([p[name] for p in row["points"]]) == repr([p[name] for p in alone["points"]])
 
 
 def test_studies_of_one_run_share_their_slow_runs(tmp_path):
