@@ -1,6 +1,5 @@
 """tc_gauss: its order, its laws over long times and on two systems, and its compiled form against plain numpy."""
 
-
 import numpy as np
 import pytest
 from laws import assert_laws
@@ -101,10 +100,6 @@ def test_the_compiled_step_is_the_formula(k):
     for name in VECTOR_KERNELS:
         setattr(method.work, name, 0)  # the same through the loops that serve finer quadratures
     assert np.allclose(method.increments(scenario.z0, 0.05), expected, rtol=1e-12, atol=1e-14)
-
-
-
-
 
 
 def test_a_step_without_a_root_is_an_error_that_becomes_a_row():
