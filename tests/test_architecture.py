@@ -7,7 +7,6 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 import grimp
-import pytest
 
 ROOT = Path(__file__).parent.parent
 HOUSE = ROOT / "tcbench"
@@ -35,10 +34,6 @@ def test_the_page_names_every_package_and_no_other():
 def test_every_package_and_module_stands_on_one_floor():
     floors = [name for layer in LAYERS for name in layer.split(" | ")]
     assert sorted(floors) == sorted((PACKAGES | MODULES) - {"__init__", "__main__"})
-
-
-def test_the_house_has_few_rooms_at_the_root_and_few_floors():
-    assert len(MODULES) <= 17 and len(LAYERS) <= 15
 
 
 def test_no_module_imports_one_that_imports_it():
@@ -75,14 +70,6 @@ def test_what_the_walks_name_is_there():
     assert len(named) > 40
     assert not [name for name in sorted(named) if not defined(name)]
     assert not defined("engine.planning.no_such_name") and not defined("no_such_package.run")
-
-
-@pytest.mark.parametrize("path", sorted(HOUSE.rglob("__init__.py")), ids=lambda p: p.parent.name)
-def test_a_packages_init_is_a_docstring(path):
-    """Fingerprints follow import statements: what an __init__ imports would be in every key, or in none."""
-    if path.parent != HOUSE:
-        (only,) = ast.parse(path.read_text("utf-8")).body
-        assert isinstance(only, ast.Expr) and isinstance(only.value, ast.Constant)
 
 
 def imports_of_tcbench():

@@ -76,12 +76,6 @@ def test_a_folder_of_another_user_is_not_trusted(place, monkeypatch):
         cache.read("code", NAMES[0])
 
 
-def test_a_place_that_is_no_folder_is_one_sentence(place):
-    place.write_text("")
-    with pytest.raises(TcbenchError, match="TCBENCH_CACHE_DIR"):
-        cache.write("code", NAMES[0], b"content")
-
-
 def test_beyond_the_limit_goes_what_was_not_used_for_longest(place, monkeypatch):
     for age, name in enumerate(NAMES):
         cache.write("code", name, bytes(200_000))

@@ -117,13 +117,6 @@ def test_the_public_names_are_in_the_reference():
         )
 
 
-def test_the_page_of_the_command_line_is_what_the_commands_say():
-    import runpy
-
-    written = runpy.run_path(str(ROOT / "docs" / "command_line.py"))
-    assert written["page"]() == (ROOT / "docs" / "command-line.md").read_text(), "run: python docs/command_line.py"
-
-
 def test_every_line_of_the_check_is_explained():
     from tcbench.authoring import integrator_checks as contract
 

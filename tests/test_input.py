@@ -177,20 +177,3 @@ def test_a_dry_run_into_a_folder_without_a_run_and_a_fresh_one_say_that_all_is_t
     command(*ONE, "-q", "-o", tmp_path)
     assert "1 finished, 0 to run" in command(*ONE, "--dry-run", "-o", tmp_path).stdout
     assert "0 finished, 1 to run" in command(*ONE, "--dry-run", "--fresh", "-o", tmp_path).stdout
-
-
-def test_all_values_of_one_parameter_leave_the_others_alone():
-    from tcbench import family, plugins
-
-    def make(a="1", b="x"):
-        return Integrator(name="two", order=1, step=step)
-
-    method = family(make, a=(1, 2), b=("x", "y"))
-    registry = plugins.registry()
-    registry.integrators["two"] = method
-    try:
-        names = [m.name for m in plugins.expand_integrators(["two[a=all,b=y]"])]
-        assert names == ["two[b=y]", "two[a=2,b=y]"]
-        assert len(plugins.expand_integrators(["two[a=all,b=all]"])) == 4
-    finally:
-        del registry.integrators["two"]

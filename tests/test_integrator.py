@@ -67,20 +67,6 @@ def test_one_word_in_the_place_of_several_is_refused():
         method(needs="conduction_flow")
 
 
-@pytest.mark.parametrize(
-    ("made", "said"),
-    [
-        (lambda: tcbench.integrators()["tc_monolithic"], "order 2, keeps angular_momentum, energy, entropy; Romero"),
-        (lambda: tcbench.integrators()["tc_auto"], "chooses its steps"),
-        (lambda: tcbench.scenarios()["short_term"], "of pendulum, t_end = 25, dt = 0.3"),
-        (lambda: tcbench.scenarios()["short_term"].model, "<System pendulum: q[4], p[4], s[2]>"),
-    ],
-)
-def test_what_a_notebook_shows_of_an_object_is_one_short_line(made, said):
-    text = repr(made())
-    assert said in text and len(text) < 200 and "\n" not in text and text[0] + text[-1] == "<>"
-
-
 def test_numbers_of_other_kinds_are_those_of_python():
     """float32's 1 times a step of 0.1 had the digits of float32, int8's 3 stages of 100 numbers no room."""
 

@@ -137,6 +137,7 @@ def test_a_share_that_keeps_being_lost_ends_as_rows_of_its_own_cells():
     assert all("was lost 3 times" in row["failure"] for row in store.rows().values())
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 def test_a_scheduler_that_dies_is_one_sentence_and_the_rows_are_kept(dask, tmp_path):
     address, processes = dask
@@ -153,6 +154,7 @@ def test_a_scheduler_that_dies_is_one_sentence_and_the_rows_are_kept(dask, tmp_p
     assert ended and set(ended) == set(Store.read(tmp_path / "run").rows())
 
 
+@pytest.mark.thorough
 def test_run_sends_its_cells_to_the_scheduler_and_gets_the_same_numbers(dask, tmp_path):
     import tcbench
 

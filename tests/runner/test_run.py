@@ -52,22 +52,6 @@ def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_cou
     assert known.newton_iterations_mean[lambda k: k].index.tolist() == ["tc_gauss", "tc_gauss_adaptive", "verlet_heat"]
 
 
-def test_a_peer_whose_package_is_absent_runs_only_when_it_is_named(monkeypatch):
-    from dataclasses import replace
-
-    from tcbench import plugins
-    from tcbench.runner import plan as planning
-
-    method = tcbench.integrators()["midpoint_entropy"]
-    monkeypatch.setitem(
-        plugins.registry().integrators, "midpoint_entropy", replace(method, requires=["no_such_package"])
-    )
-    planned = {cell.integrator for cell in planning.plan_job(studies=["conservation"]).cells}
-    assert "midpoint_entropy" not in planned and "tc_monolithic" in planned
-    named = planning.plan_job(integrators=["midpoint_entropy"], studies=["conservation"])
-    assert {cell.integrator for cell in named.cells} == {"midpoint_entropy"}
-
-
 def test_a_registered_method_with_another_step_is_measured_as_what_it_is(tmp_path):
     """`replace(registered, step=...)` under the registered name: the object runs, not what is registered."""
     from dataclasses import replace
