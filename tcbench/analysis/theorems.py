@@ -34,6 +34,7 @@ STATES = 200  # random pairs of states for the operators
 RANDOM_STEPS = 100  # random steps for each integrator
 ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
 LAST_DIGITS, SHAKEN = 4 * float(np.finfo(float).eps), 8  # by which states are moved, and how often, for what that does
+CLOSE, SECOND, AGREED = (1e-2, 1e-3), 1.9, 20  # distances; the power that is called 2; pairs of states
 SOLVED = 1e-12  # of a step: what a converged Newton iteration leaves, relative
 EQUIVARIANT = 1e-9  # two solves of one step, in turned coordinates: round-off times the condition of the step
 SMALLEST = 1e-3  # energy that errors are measured against where a system has next to none
@@ -167,6 +168,10 @@ def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.
         "the discrete gradient is consistent: DE(z, z) = grad E(z)", "section 3", "defect 0, relative", consistency,
         ROUNDOFF, "Divided differences tend to derivatives, and are evaluated in closed form at zero increment.",
     )  # fmt: skip
+    order = _agreement(model, sample[:AGREED])
+    yield row("the discrete gradient is that of the midpoint up to second order", "eq. (7)",
+              "|DE(z1, z0) - grad E((z0 + z1)/2)| falls as |z1 - z0|^2", max(0.0, SECOND - order), 0.0,
+              f"From a distance of {CLOSE[0]:g} to {CLOSE[1]:g} it falls with the power {order:.2f}.")  # fmt: skip
     if _is_pendulum(scenario):
         worst = max(_turning(model, *pair, float(rng.uniform(0, 2 * np.pi))) for pair in sample)
         yield row("the discrete gradient is equivariant under rotation", "section 3", "defect 0, relative", worst,
@@ -176,6 +181,22 @@ def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.
 def _relative(found: Any, exact: Any) -> float:
     gap = float(np.abs(np.asarray(found) - np.asarray(exact)).max())
     return gap and gap / float(np.abs(np.asarray(exact)).max())  # an energy may be constant
+
+
+def _agreement(model: System, sample: Sample) -> float:
+    """The least power of |z1 - z0| with which DE nears the gradient at the midpoint; 2 where both are equal."""
+    least = 2.0
+    for z, other in sample:
+        gaps = []
+        for part in CLOSE:
+            z1 = model.state(z + part * (other - z) / np.linalg.norm((other - z) / np.maximum(1.0, np.abs(z))))
+            exact = np.asarray(model.gradient((z + z1) / 2))
+            gaps.append(
+                float(np.linalg.norm(model.discrete_gradient(z, z1) - exact) / (np.linalg.norm(exact) + 1e-300))
+            )
+        if min(gaps) > ROUNDOFF:
+            least = min(least, float(np.log(gaps[0] / gaps[1]) / np.log(CLOSE[0] / CLOSE[1])))
+    return least
 
 
 def _directionality(scenario: Scenario, sample: Sample) -> tuple[float, float]:

@@ -154,7 +154,7 @@ def real(values: Any) -> np.ndarray:
     found = np.asarray(values)
     if found.dtype.kind == "c" or (found.dtype == object and any(isinstance(v, complex) for v in found.ravel())):
         raise TypeError("complex numbers were returned; states are real")
-    if found.dtype.kind == "b" or found.dtype.names or isinstance(values, np.ma.MaskedArray):
+    if found.dtype.kind in "bSU" or found.dtype.names or isinstance(values, np.ma.MaskedArray):
         kind = "a masked array" if isinstance(values, np.ma.MaskedArray) else f"an array of {found.dtype}"
         raise TypeError(f"{kind} was returned; states are plain numbers")
     return np.array(found, dtype=np.float64, order="C")

@@ -16,6 +16,7 @@ from ..systems.scenario import Scenario
 from ..systems.state import State
 from ..systems.system import System
 from .prepared import Prepared, take
+from .python_loop import real
 from .recorder import cause_of
 
 BACK = 1e-9  # of each variable's size: a step and its way back end as near to where they began
@@ -102,9 +103,7 @@ class Stepper:
     def __call__(self, z: Any, h: float) -> State:
         expect("A step", {"h": h}, {"h": "a number"})
         try:
-            if np.iscomplexobj(z):
-                raise TypeError
-            z, h = np.array(z, dtype=float), float(h)
+            z, h = real(z), float(h)
         except (TypeError, ValueError, OverflowError):
             raise TcbenchError(f"A step begins at a state of numbers, not at z = {shown(z)}.") from None
         if z.shape != (self.system.size,):
@@ -117,7 +116,7 @@ class Stepper:
 
     def _by_function(self, z: np.ndarray, h: float) -> np.ndarray:
         assert self.method.step is not None
-        z1 = np.array(self.method.step(self.system.state(z), h, self.system, *self._held), dtype=float)
+        z1 = real(self.method.step(self.system.state(z), h, self.system, *self._held))
         return z + z1 if self.method.increments else z1
 
     def _by_flows(self, ready: Prepared, z: np.ndarray, h: float) -> np.ndarray:

@@ -96,3 +96,15 @@ def test_a_step_back_that_does_not_exist_says_what_was_looked_for():
         ArithmeticError, match=r"a step of -0\.3: the roots .* no other was found from which a step of 0\.3"
     ):
         tcbench.stepper("tc_itoh_abe", SCENARIO)(SCENARIO.z0, -0.3)
+
+
+@pytest.mark.parametrize("z", [
+    np.ma.array([1.0, 0, 0], mask=[0, 0, 1]), np.array([True, False, False]), np.array(["1", "0", "0"]),
+    np.array([1 + 0j, 0, 0]),
+], ids=["masked", "bool", "words", "complex"])  # fmt: skip
+def test_a_step_begins_at_plain_numbers_only(z):
+    """A mask, truth values and words were taken for numbers without a word."""
+    step = tcbench.stepper("tc_monolithic", "damped_oscillator")
+    with pytest.raises(tcbench.TcbenchError, match="state of numbers"):
+        step(z, 0.1)
+    assert np.allclose(step(np.array([1, 0, 0], np.float32), 0.1), step([1.0, 0.0, 0.0], 0.1), atol=0)
