@@ -154,7 +154,9 @@ def groups(cells):
 
 def test_a_selection_leaves_only_claims_about_it():
     found = groups(plan(methods("tc_strang"), scenarios("short_term"), {}))
-    assert found == {("tc_strang", "short_term", g) for g in ("operators", "steps", "conservation", "order")}
+    assert found == {
+        ("tc_strang", "short_term", g) for g in ("operators", "steps", "conservation", "order", "sub_steps")
+    }
     assert plan(methods("tc_strang"), [], {}) == []
     assert plan([], scenarios(), {}) == []
     unrelated = tcbench.Integrator(name="unrelated", order=1, step=lambda z, h, system: z)
