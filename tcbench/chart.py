@@ -66,7 +66,7 @@ class Series:
     text : str
         Label at the end of the line; by default its name, in a panel whose lines are labelled there.
     line, marks : bool and str
-        Whether points are joined; "filled", "hollow" or "" for no markers.
+        Whether points are joined; "filled", "hollow", "." for the small ones of a cloud, or "" for no markers.
     plain : bool
         Whether it belongs to no single method; it is then drawn in the colour of the text.
     ended : bool

@@ -53,7 +53,7 @@ def _ranks(tables: Tables, found: DataFrame) -> dict[Any, tuple[float, ...]]:
     elif not set(TARGETS) & set(found) and ladder is not None:
         rank["least"] = to_numbers(ladder, "energy_error_max").groupby([ladder[c] for c in found.index.names]).max()
         rank[TARGETS[0]] = found["ladder_failed"] * 1.0
-    ranks = {}
+    ranks = dict[Any, tuple[float, ...]]()
     for key, row in rank.fillna(math.inf).iterrows():
         missed = next((k for k, target in enumerate(TARGETS) if row[target] < math.inf), len(TARGETS))
         ranks[key] = (missed, min(row[TARGETS[missed : missed + 1]], default=math.inf), row["least"])

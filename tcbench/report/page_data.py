@@ -228,7 +228,8 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
         found.setdefault(str(method), {})[str(scenario)] = [*cell, of["mark"].value_counts().to_dict()]
     for item in unmeasured(tables):
         here = int(runs.get((item.integrator, item.scenario), 0))
-        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, [0, here, "", {}])
+        none: list[Any] = [0, here, "", {}]
+        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, none)
         cell[:3] = [cell[0] + item.failed, cell[1] + item.runs, cell[2] or item.sentence[:longest]]
         cell[3]["x"] = cell[3].get("x", 0) + item.failed
     return found

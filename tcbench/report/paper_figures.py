@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+from .. import plugins
 from ..errors import TcbenchError, writing
+from ..simulation import series
+from ..simulation.run import simulate
+from ..simulation.trajectory import Trajectory
+from .charts.runs import four_panel
+from .charts.theme import INK
+from .plot import SUFFIXES, save
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-    from ..simulation.trajectory import Trajectory
-
-
-@dataclass(frozen=True)
-class PaperFigure:
+class PaperFigure(NamedTuple):
     """One figure: which runs it shows, and what the paper says of them."""
 
     number: int
@@ -24,14 +24,11 @@ class PaperFigure:
     integrators: tuple[str, ...]
     account: str
 
-    @property
-    def name(self) -> str:
-        return f"figure_{self.number}"
 
-
+HOLDS = "The paper's account holds: E is constant, S only grows."
 FIGURES = (
-    PaperFigure(2, "short_term", ("tc_monolithic",), "The paper's account holds: E is constant, S only grows."),
-    PaperFigure(3, "short_term", ("tc_staggered",), "The paper's account holds: E is constant, S only grows."),
+    PaperFigure(2, "short_term", ("tc_monolithic",), HOLDS),
+    PaperFigure(3, "short_term", ("tc_staggered",), HOLDS),
     PaperFigure(
         4, "short_term", ("midpoint_entropy",),
         "The paper reports that E and S oscillate. E goes up, comes back and settles; the temperatures oscillate. S "
@@ -42,9 +39,7 @@ FIGURES = (
         5, "short_term", ("midpoint_temperature",),
         "The paper reports a blow-up at t = 12. With the printed data and a converged Newton iteration there is none.",
     ),
-    PaperFigure(
-        6, "long_term", ("tc_monolithic", "tc_staggered"), "The paper's account holds: E is constant, S only grows.",
-    ),
+    PaperFigure(6, "long_term", ("tc_monolithic", "tc_staggered"), HOLDS),
     PaperFigure(
         7, "long_term", ("midpoint_entropy",),
         "The paper reports that E and S fall and temperatures come near 0. None of this is reproduced.",
@@ -70,7 +65,6 @@ NUMBERING = (
     "Figures 2 to 5 belong to example 1, 6 to 8 to example 2 and 9 to its long horizon, as in the paper. Which method "
     "stands in which figure of an example is tcbench's own arrangement."
 )
-SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def paper_figures(output: str | Path, suffix: str = ".png") -> list[Path]:
@@ -78,8 +72,6 @@ def paper_figures(output: str | Path, suffix: str = ".png") -> list[Path]:
 
     The folder is made where it does not exist. Raises TcbenchError when it cannot be written, or for another suffix.
     """
-    from .plot import save
-
     if suffix not in SUFFIXES:
         raise TcbenchError(f"Figures are written as {', '.join(SUFFIXES)}, not {suffix!r}.")
     folder = Path(output)
@@ -87,25 +79,22 @@ def paper_figures(output: str | Path, suffix: str = ".png") -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TcbenchError(f"The folder {str(output)!r} cannot be made: {error.strerror or error}.") from None
-    paths, captions = [], []
+    paths, captions = [], ["# Figures 2 to 9", NUMBERING]
     for figure in FIGURES:
-        runs = runs_of(figure)
-        text = caption(figure, runs)
-        captions.append(f"**{figure.name}{suffix}.** {text}")
-        paths.append(save(draw(figure, runs), folder / f"{figure.name}{suffix}"))
+        scenario = plugins.find_scenario(figure.scenario)
+        every, name = max(1, scenario.steps(scenario.dt) // 2500), f"figure_{figure.number}{suffix}"
+        runs = [simulate(method, figure.scenario, record_every=every) for method in figure.integrators]
+        text, drawn = caption(figure, runs), four_panel(series.trajectories(runs))
+        captions.append(f"**{name}.** {text}")
+        lines = textwrap.wrap(text, 150)
+        width, height = drawn.get_size_inches()
+        drawn.set_size_inches(width, height + 0.16 * len(lines))
+        drawn.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=INK, parse_math=False)
+        paths.append(save(drawn, folder / name))
     paths.append(folder / "captions.md")
     with writing(repr(str(paths[-1]))):
-        paths[-1].write_text("# Figures 2 to 9\n\n" + f"{NUMBERING}\n\n" + "\n\n".join(captions) + "\n", "utf-8")
+        paths[-1].write_text("\n\n".join(captions) + "\n", "utf-8")
     return paths
-
-
-def runs_of(figure: PaperFigure) -> list[Trajectory]:
-    """The runs of a figure, with the printed data and step."""
-    from .. import plugins
-    from ..simulation.run import simulate
-
-    steps = plugins.find_scenario(figure.scenario).steps(plugins.find_scenario(figure.scenario).dt)
-    return [simulate(name, figure.scenario, record_every=max(1, steps // 2500)) for name in figure.integrators]
 
 
 def caption(figure: PaperFigure, runs: list[Trajectory]) -> str:
@@ -134,17 +123,3 @@ def measurement(run: Trajectory) -> str:
         f"{run.integrator.name}: {energy}; S from {run.entropy[0]:.4g} to {run.entropy[-1]:.5g}, {fall}; "
         f"log strains {strains} at the end; {end}"
     )
-
-
-def draw(figure: PaperFigure, runs: list[Trajectory]) -> Figure:
-    """The four panels with the caption below them."""
-    from ..simulation import series
-    from .charts.runs import four_panel
-    from .charts.theme import INK
-
-    drawn = four_panel(series.trajectories(runs))
-    lines = textwrap.wrap(caption(figure, runs), 150)
-    width, height = drawn.get_size_inches()
-    drawn.set_size_inches(width, height + 0.16 * len(lines))
-    drawn.supxlabel("\n".join(lines), x=0.01, ha="left", fontsize=8, color=INK, parse_math=False)
-    return drawn

@@ -112,7 +112,11 @@ def draw(
     tables, declared = _tables(chosen, data, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))
-    looks = {"looks": run_looks(tables), "fore": leaders(tables, declared), "families": families(tables, declared)}
+    looks: dict[str, Any] = {
+        "looks": run_looks(tables),
+        "fore": leaders(tables, declared),
+        "families": families(tables, declared),
+    }
     tables = only(tables, "integrator", list(wanted.labels))
     shown = chosen.select(tables, _scenario(chosen, tables, scenario))
     shown, options = _columns(chosen, shown, x, [y] if isinstance(y, str) else list(y or ()))

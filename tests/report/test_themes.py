@@ -12,7 +12,7 @@ import tcbench
 from tcbench import TcbenchError
 from tcbench.cli import main
 from tcbench.report.chart_kinds import kinds
-from tcbench.report.charts import ladders, style, theme
+from tcbench.report.charts import theme
 
 NAMES = ["sdirk2", "tc_gauss", "scipy_odeint", "gauss2", "tc_monolithic", "heyoka"]
 TABLES = awkward.everything(NAMES, ["short_term"]) | awkward.ensemble(NAMES)
@@ -21,16 +21,6 @@ TABLES = awkward.everything(NAMES, ["short_term"]) | awkward.ensemble(NAMES)
 @pytest.fixture(scope="module")
 def table():
     return awkward.everything(NAMES, ["short_term"])["conservation"]
-
-
-@pytest.mark.parametrize("methods", [NAMES, awkward.FORTY[:13]])
-def test_methods_of_one_chart_have_looks_of_their_own(methods):
-    table = awkward.conservation(methods, ["short_term"])
-    handles = [h for h in ladders.conservation(table).legends[0].legend_handles if h.get_label() in methods]
-    assert [h.get_label() for h in handles] == style.names(table) and len(handles) == len(methods)
-    assert len({h.get_marker() for h in handles}) == len(methods)
-    assert len({(h.get_color(), h.get_linestyle()) for h in handles}) == len(methods)
-    assert style.looks(methods)["tc_monolithic"] == style.look("tc_monolithic") == style.KNOWN["tc_monolithic"]
 
 
 def test_a_chart_is_drawn_into_an_axes_with_names_and_order_of_ones_own(table):

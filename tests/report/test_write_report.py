@@ -80,11 +80,6 @@ def full(tmp_path_factory):
     return make(tmp_path_factory.mktemp("full") / "run", tables, declared=awkward.declared(awkward.FIVE))
 
 
-@pytest.fixture(scope="module")
-def hostile(tmp_path_factory):
-    return awkward.write_hostile(tmp_path_factory.mktemp("hostile") / "run", report.write_report)
-
-
 def test_the_page_is_one_small_file_that_asks_for_nothing_else(full):
     path, text = full
     assert path.stat().st_size < LARGEST
@@ -122,17 +117,6 @@ def test_the_sentences_stand_in_the_page_itself_and_lead_to_their_evidence(full)
     assert cards == ["#lens=time 1e-06", "#lens=coarse", "#lens=energy", "#lens=cost", "#failures"]
     words = "".join(page.text)
     assert "kept energy, entropy and angular momentum" in words and "at the smallest step" in words
-
-
-def test_hostile_names_and_messages_are_text(hostile):
-    path, text = hostile
-    assert path.stat().st_size < LARGEST
-    page = Page(text)
-    assert not [a for tag, a in page.elements if any(name.startswith("on") for name in a)]
-    plain = [a for a in page.all("script") if a.get("type") != "application/gzip"]
-    assert len(plain) == 1  # the page's own
-    assert awkward.HOSTILE in page.table("conservation")["integrator"].tolist()
-    assert max(map(len, page.table("conservation")["failure"].dropna())) >= 9_990
 
 
 def test_a_real_run_is_reported_without_simulation(tmp_path, monkeypatch):

@@ -109,8 +109,9 @@ def error_time(points: DataFrame) -> Sheet:
     points = points[(points["error"] > 0) & (points["time_s"] > 0)]
     points["error"] = points["error"].clip(ROUND_OFF, 1e3)
     methods, rank = by_name(points), _places(points)
+    places = points[["time_s", "error"]].to_numpy()
     panel = Panel(
-        [Series(name, *points[["time_s", "error"]].to_numpy()[rows].T, line=False) for name, rows in methods.items()],
+        [Series(name, places[rows, 0], places[rows, 1], line=False, marks=".") for name, rows in methods.items()],
         "time of a run, s (lines: medians of each setting)", "error of the state at the end", errors=True, rank=rank,
         note="" if len(points) else "no run has a reference to be compared with",
     )  # fmt: skip

@@ -34,7 +34,7 @@ MOST_TEXTS = 12  # numbers at the ends of lines; of more, none can be read
 LONGEST = 26  # letters of the name of a row
 FEW = 3  # lines, of whose magnitudes the largest so far and the values can be told apart
 FREE = 40  # points, each of which has its mark
-CLOUD = 200  # points that are not joined, of which each is small
+CLOUD = 500  # points of a panel that are not joined, of which each is small
 
 
 Asked = ParamSpec("Asked")
@@ -220,7 +220,8 @@ def _rows(ax: Axes, panel: Panel) -> None:
 
 def _mark(mark: str, colour: str) -> dict[str, Any]:
     """How a mark of a row is drawn; a letter is one in the middle of its place."""
-    thin, letter, shape = mark in ("|", "_"), mark in MARKS and mark != "x", {".": "o", "_": "|"}.get(mark, mark)
+    thin, letter = mark in ("|", "_"), mark in MARKS and mark != "x"
+    shape: Any = {".": "o", "_": "|"}.get(mark, mark)
     if letter:
         path = TextPath((0, 0), mark, size=10, prop=FontProperties(weight="bold"))
         box = path.get_extents()
@@ -246,10 +247,11 @@ def _line(ax: Axes, one: Series, x: Any, y: Any, panel: Panel, keep: Any, place:
     settings: dict[str, Any] = {"color": colour, "linestyle": style.dash if one.line else "none"}
     if one.plain:
         settings |= {"linestyle": "-", "linewidth": pt(2.2), "clip_on": False}
-    elif not one.line and len(x) > CLOUD:
+    elif one.marks == ".":
         settings |= {"marker": ".", "markersize": pt(2.5), "alpha": 0.3, "rasterized": True}
     elif one.marks:
-        settings |= {"marker": style.marker} | ({"markerfacecolor": "none"} if one.marks == "hollow" else {})
+        crowd = {"markersize": pt(3.2)} if sum(len(s.x) for s in panel.series if not s.line) > CLOUD else {}
+        settings |= {"marker": style.marker, **crowd} | ({"markerfacecolor": "none"} if one.marks == "hollow" else {})
     else:
         settings |= {"linewidth": pt(1)}
     if panel.largest and len(y):

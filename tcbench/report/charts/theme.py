@@ -111,7 +111,7 @@ def style_settings(style: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     try:
         found: Any = (
             matplotlib.RcParams(style) if given else library[str(style)] if str(style) in library
-            else matplotlib.rc_params_from_file(style, True, use_default_template=False)
+            else matplotlib.rc_params_from_file(str(style), True, use_default_template=False)
         )  # fmt: skip
     except OSError:
         there = ", ".join(styles.available)

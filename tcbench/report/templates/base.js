@@ -55,7 +55,7 @@ const extent = (values) => values.reduce(([lo, hi], v) => [Math.min(lo, v), Math
 const unique = (values) => [...new Set(values)];
 
 // the address says what is chosen: a link leads to the same view with the same choices
-const CHOICES = new Set(["limits", "shown", "lens", "on", "show", "fixed", "sort", "of", "step", "by", "left", "right", "loss", "span", "minus", "off", "variable", "search", "filter", "verdict", "overview"]);
+const CHOICES = new Set(["limits", "shown", "lens", "on", "show", "fixed", "sort", "of", "step", "by", "left", "right", "loss", "span", "minus", "off", "only", "variable", "search", "filter", "verdict", "overview"]);
 const address = () => {
   const place = {};
   for (const part of location.hash.slice(1).split("&").filter(Boolean)) {
@@ -95,7 +95,9 @@ const marker = (name, x, y, size) => shape("path", { class: "marker", d: MARKS[l
 const mark = (name) => shape("svg", { class: "mark", width: 13, height: 11, viewBox: "-6.5 -5.5 13 11", "aria-hidden": "true", style: `--own:${colour(name)}` }, marker(name, 0, 0, 4));
 // how a chart is made again from the tables of this folder, or anew
 const again = (...commands) => el("details", { class: "again" }, el("summary", {}, "reproduce this"), el("pre", {}, commands.join("\n")));
-const word = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text).replaceAll("'", "'\\''")}'`);
+const inRun = /\[run=[^\]]*\]|,run=[^\]]*(?=\])/g;  // of which of several runs a method is: no command knows it
+const word = (given) => { const text = String(given).replace(inRun, ""); return plainWord(text); };
+const plainWord = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text).replaceAll("'", "'\\''")}'`);
 const marked = (counts) => Object.entries(page.marks).filter(([m]) => counts?.[m]).map(([m, text]) => el("span", { class: "end", title: text }, `${counts[m]} ${m} `));
 const lawful = (m) => page.lawful.includes(m.name);  // they ended every run with every law kept
 

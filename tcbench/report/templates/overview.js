@@ -10,8 +10,13 @@ const LENSES = {
   step: ["largest stable step h", "step"],
   cost: ["microseconds a step", "cost"],
 };
-const OF_VIEW = { lens: "lens", sorted: "sort", scenario: "on", error: "show", fixed: "fixed", wide: "limits" };
-const view = choosing(OF_VIEW, { lens: null, sorted: null, scenario: null, error: null, fore: null, wide: null, fixed: "" });
+// methods by property: what they are, and what they kept in this run
+const PROPERTIES = {
+  "": ["all", () => true], lawful: ["that kept every law here", lawful], fixed: ["of a fixed step", (m) => m.kind && m.kind !== "adaptive"], adaptive: ["that choose their steps", (m) => m.kind === "adaptive"],
+  explicit: ["explicit", (m) => told[m.name]?.tags?.includes("explicit")], high: ["of order 3 or more", (m) => (m.order?.median ?? told[m.name]?.order ?? 0) > 2.5],
+};
+const OF_VIEW = { only: "only", lens: "lens", sorted: "sort", scenario: "on", error: "show", fixed: "fixed", wide: "limits" };
+const view = choosing(OF_VIEW, { only: "", lens: null, sorted: null, scenario: null, error: null, fore: null, wide: null, fixed: "" });
 
 const INITIALS = { energy: "E", entropy: "S", angular_momentum: "J" };
 const dots = (laws) => el("span", { class: "dots" }, laws.map((law) => {
@@ -67,7 +72,7 @@ const matrix = () => {
   const place = Object.fromEntries((lens?.order || []).map((name, i) => [name, i])), mean = (m) => place[m.name] ?? Infinity;
   const by = view.sorted ? (a, b) => badness(a, view.sorted) - badness(b, view.sorted) || (a.name < b.name ? -1 : 1)
     : (a, b) => a.family - b.family || (mean(a) === mean(b) ? 0 : mean(a) - mean(b)) || (a.name < b.name ? -1 : 1);
-  const ordered = [...page.methods].sort(by);
+  const ordered = page.methods.filter((PROPERTIES[view.only] || PROPERTIES[""])[1]).sort(by);
   const head = el("tr", {}, el("th", { scope: "col" }, "method"), el("th", { scope: "col", title: (page.methods[0]?.laws || []).map((l) => words(l.law)).join(", ") }, "laws", page.methods[0]?.laws.length ? " " : "", el("span", { class: "dots letters" }, (page.methods[0]?.laws || []).map((l) => el("span", { class: "dot letter" }, INITIALS[l.law] || "I")))),
     ordered.some((m) => m.order) ? el("th", { scope: "col", title: "lowest fitted order" }, "order") : null,
     ordered.some((m) => m.step) ? el("th", { scope: "col", title: "least of the largest stable steps" }, "h stable") : null,
@@ -182,7 +187,8 @@ const overview = async (place) => {
   const reached = (key) => Object.values(page.lenses.find((l) => l.key === key)?.cells || {}).some((row) => Object.values(row).some(known));
   view.lens = keys.includes(place.lens) ? place.lens : keys.includes(view.lens) ? view.lens : ["time 1e-06", "time 0.001"].find(reached) || keys[0];
   $("matrix-controls").replaceChildren(keys.length
-    ? select("Cells:", keys.map((k) => [k, LENSES[k][0]]), view.lens, (k) => { view.lens = k; drawMatrix(); }) : "");
+    ? select("Cells:", keys.map((k) => [k, LENSES[k][0]]), view.lens, (k) => { view.lens = k; drawMatrix(); }) : "",
+    select("methods", Object.entries(PROPERTIES).filter(([, [, has]]) => page.methods.some(has)).map(([k, [text]]) => [k, text]), view.only, (k) => { view.only = k; drawMatrix(); }));
   if (place.overview === "ensemble") {
     view.wide = "shares";
     if (page.tables.performance_profile) view.scenario = "profile";

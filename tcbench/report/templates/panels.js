@@ -28,7 +28,7 @@ const numbersOf = (v, rows, found) => (typeof v === "string" ? rows.map((i) => f
 const said = (found, i, failed) => {
   if (i === undefined) return [];
   const r = (column) => found.columns[column]?.[i], fit = r("used");
-  const parts = [r("control") && `${r("control") === "dt" ? "h" : "rtol"} = ${number(r("value"))}`, failed && (r("failure") || r("reason") || r("status"))];
+  const parts = [r("control") && `${r("control") === "dt" ? "h" : "rtol"} = ${number(r("value"))}`, failed && (r("failure") || r("reason") || r("status")), !failed && r("repeats") > 1 && `the least of ${r("repeats")} times, median ${seconds(r("wall_time_median_s"))}`];
   return [parts.filter(Boolean).join(": "), fit === true && "in the fit", fit === false && !failed && `not in the fit: ${r("reason") || ""}`].filter(Boolean);
 };
 
