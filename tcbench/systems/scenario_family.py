@@ -37,9 +37,6 @@ class ScenarioFamily:
         imported when a member is asked for, not when plugins are listed.
     defaults : mapping of str to str
         Every parameter, with the value that it has when the name alone is given.
-    takes : mapping of str to (int, int), float or tuple of str
-        What a parameter may be: whole numbers, the least and the most, any number, or one of these words. `make` gets a
-        number then, or None for "" where that is the default. All others are strings, as they are written.
     shows, source, plugin : str
         As of a `Scenario`.
     sample : function, optional
@@ -49,6 +46,9 @@ class ScenarioFamily:
         Such a family can be run by hundreds, by the study `ensemble`.
     by_default : bool
         False for a family with `sample` that studies of random scenarios draw from only where it is named.
+    takes : mapping of str to (int, int), float or tuple of str
+        What a parameter may be: whole numbers, the least and the most, any number, or one of these words. `make` gets a
+        number then, or None for "" where that is the default. All others are strings, as they are written.
 
     Raises
     ------
