@@ -63,7 +63,8 @@ def _reduced(
         kept, before = [], len(eliminated)
         inserted = trace.Substitution(eliminated)
         for row, unknown in left:
-            row = inserted(row)
+            while (closed := inserted(row)) is not row:  # formulas may contain what was eliminated after them
+                row = closed
             formula = formula_of(row, unknown)
             if formula is None:
                 kept.append((row, unknown))

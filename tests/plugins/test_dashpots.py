@@ -61,3 +61,9 @@ def test_a_bar_has_a_whole_number_of_elements():
 def test_the_energy_of_many_like_elements_is_summed_without_round_off_of_one_sign():
     """2e-13 when 1000 like terms were added one after the other, 1e-12 of 10,000: round-off of the measure."""
     assert tcbench.simulate("tc_monolithic", "bar[n=1000]", t_end=0.04).summary.energy_error_max < 2e-14
+
+
+@pytest.mark.parametrize("method", ["gauss2", "cpg"])
+def test_methods_with_stages_take_arrays_with_internal_variables(method):
+    """Of unknowns eliminated one after the other the first was still in terms of the last: no kernel could be made."""
+    assert tcbench.simulate(method, "bar[n=20]", t_end=0.04).ok
