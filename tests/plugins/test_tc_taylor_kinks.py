@@ -115,8 +115,11 @@ class ByConstant(Pulled):
         return (q * q).sum(axis=1) ** self.half
 
 
-@pytest.mark.parametrize("beside", [0.0, 1e-7])
-@pytest.mark.parametrize(("kind", "most"), [(Pulled, 0), *((x, 1000) for x in (Pulled, ByHypot, ByPower, ByConstant))])
+@pytest.mark.parametrize(
+    ("kind", "most", "beside"),
+    [(Pulled, 0, 1e-7), (Pulled, 1000, 0.0), (Pulled, 1000, 1e-7), (ByHypot, 1000, 0.0), (ByPower, 1000, 1e-7),
+     (ByConstant, 1000, 0.0)],
+)  # fmt: skip
 def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
     """Its series goes on below 0: with status ok points on their way through the origin were wrong by 0.2."""
     monkeypatch.setattr("tcbench_plugins.tc_taylor.orders.MOST_VARIABLES", most)
