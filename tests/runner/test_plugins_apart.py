@@ -70,9 +70,9 @@ def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own
 
 
 def test_a_plugin_may_be_called_as_a_package_or_a_module_of_python(tmp_path):
-    for name in ("rich", "signal", "numpy", "multiprocessing"):
+    for name in ("rich", "signal", "numpy"):
         plugin(tmp_path / f"{name}.py", f"mine_{name}")
-    chosen = [word for name in ("rich", "signal", "numpy") for word in ("-i", f"mine_{name}")]
+    chosen = [word for name in ("rich", "signal") for word in ("-i", f"mine_{name}")]
     done = run(*chosen, "--plugins-dir", ".", cwd=tmp_path, by=process)
     assert done.returncode == 0, done.stderr
     assert {row["status"] for row in rows(tmp_path / "out").values()} == {"blowup"}
@@ -123,8 +123,7 @@ def test_an_output_folder_that_is_deleted_during_the_run_ends_it_with_a_sentence
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-@pytest.mark.parametrize("delay", [0.4, 1.2])
-def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path, delay):
+def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path):
     command = [str(SCRIPT), "run", "--all", "-o", str(tmp_path / "out")]
     # a session of its own: the signal goes to the whole group, as a terminal sends it
     child = subprocess.Popen(
@@ -136,7 +135,7 @@ def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path, delay):
         deadline = time.monotonic() + 1800
         while not (tmp_path / "out").exists() and time.monotonic() < deadline and child.poll() is None:
             time.sleep(0.02)
-        time.sleep(delay)
+        time.sleep(0.8)
         os.killpg(child.pid, signal.SIGINT)
         _, errors = child.communicate(timeout=1800)
     finally:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tcbench.errors import TcbenchError
@@ -74,6 +74,7 @@ values = st.recursive(
 )
 
 
+@settings(max_examples=40)
 @given(st.dictionaries(st.text().filter(lambda name: name != "status"), values, max_size=5))  # which is a word
 def test_any_row_survives_as_strict_json_nan_and_infinity_included(row):
     line = encode_line(digest({}), row | {"status": "ok"}, {})
