@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tcbench.compiler.values import constant
 
 PACKAGE = Path(__file__).parents[2]
@@ -23,6 +25,7 @@ def run(code, folder, cache):
     return done.stdout.split()
 
 
+@pytest.mark.thorough
 def test_editing_a_helper_changes_the_answer_and_not_editing_it_reuses_the_cache(tmp_path):
     for name, copy in (("tcbench", "tcbench"), ("plugins", "tcbench_plugins")):  # with byte code, that others may write
         shutil.copytree(PACKAGE / name, tmp_path / "copy" / copy, ignore=shutil.ignore_patterns("*.pyc.*"))

@@ -73,8 +73,9 @@ def end(method, scenario):
     return run.z[-1]
 
 
-@pytest.mark.parametrize("base", [Wall, Scaled, Powers, Inverse])
-@pytest.mark.parametrize("method", ["tc_gauss", "tc_taylor"])
+@pytest.mark.parametrize(
+    ("method", "base"), [("tc_gauss", Inverse), *(("tc_taylor", base) for base in (Wall, Scaled, Powers, Inverse))]
+)
 def test_on_the_other_side_of_zero_all_is_as_on_this_side(base, method):
     right, left = (end(method, scenario(base, side)) for side in (1.0, -1.0))
     assert left == pytest.approx(right * [-1, -1, 1, 1], rel=1e-12, abs=1e-12)

@@ -32,7 +32,9 @@ def test_springs_are_a_special_case():
     assert np.delete(ours, [8, 9]) == pytest.approx(theirs, rel=1e-13, abs=1e-13)
 
 
-@pytest.mark.parametrize("name", STIFF)
+@pytest.mark.parametrize(
+    "name", [n if n != "viscous_pendulum" else pytest.param(n, marks=pytest.mark.slow) for n in STIFF]
+)
 def test_stiff_systems(name):
     """Laws at a fixed step; adaptive ones keep them, too, and come to where a stiff solver comes."""
     scenario = SCENARIOS[name].replace(t_end=10.0, **STIFF[name])

@@ -115,6 +115,7 @@ def test_a_failure_of_a_solver_is_shared_too(tmp_path):
     assert len(calls) == 1 and one.status == other.status == "nonconverged" and one.failure == other.failure
 
 
+@pytest.mark.thorough
 def test_studies_of_one_run_share_their_slow_runs(tmp_path):
     studies = ["conservation", "equilibrium"]
     results = tcbench.run(["solve_ivp_radau"], ["short_term"], studies, tmp_path / "both", jobs=1)

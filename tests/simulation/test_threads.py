@@ -103,6 +103,7 @@ with ThreadPoolExecutor(6) as pool:
 """
 
 
+@pytest.mark.thorough
 def test_threads_that_begin_with_nothing_loaded_or_compiled_give_the_same_bits(tmp_path):
     """Plugins are loaded, families make members, formulas are traced and compiled by threads that all want them."""
     names, scenario = ["tc_monolithic", "solve_ivp_radau"], find_scenario("chain[n=2]").replace(t_end=0.2)

@@ -72,6 +72,7 @@ def test_flows_of_any_system_are_those_of_the_whole_trace(method, name, whole):
     assert run.summary.energy_error_max < 1e-13 or not method.startswith("tc_")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["row"])
 def test_a_number_that_all_share_does_not_end_an_iteration(name):
     """Where nothing has moved yet the factor of Gonzalez's projection is 0/0. Its first correction was 1e16, beside

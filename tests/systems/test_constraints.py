@@ -82,8 +82,11 @@ def test_a_liquid_core_turns_a_body_to_its_axis_of_largest_inertia():
     assert run.summary.energy_error_max < 1e-12 and run.summary.entropy_increment_min > -1e-14
 
 
-@pytest.mark.parametrize(("method", "name"), [("tc_monolithic", "rods"), ("tc_staggered", "rods"),
-                                              ("tc_strang", "director_body")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [("tc_monolithic", "rods"), ("tc_staggered", "rods"),
+     pytest.param("tc_strang", "director_body", marks=pytest.mark.thorough)],
+)  # fmt: skip
 def test_order_against_the_reference(name, method):
     from tcbench.reference.lookup import reference_for
 
