@@ -32,6 +32,18 @@ def test_stiffness_and_mass_are_those_of_scikit_fem(mesh, element):
                            np.eye(m.dim()))  # fmt: skip
 
 
+def test_a_mesh_of_gmsh_is_read_with_its_numbers(tmp_path):
+    """A unit cube of twelve tetrahedra about its middle, as gmsh writes it."""
+    corners = ["0 0 0", "1 0 0", "1 1 0", "0 1 0", "0 0 1", "1 0 1", "1 1 1", "0 1 1", "0.5 0.5 0.5"]
+    faces = ["1 2 3", "1 3 4", "5 7 6", "5 8 7", "1 6 2", "1 5 6", "2 7 3", "2 6 7", "3 8 4", "3 7 8", "4 5 1", "4 8 5"]
+    nodes = [f"{k} {x}" for k, x in enumerate(corners, 1)]
+    cells = [f"{k} 4 2 1 1 {face} 9" for k, face in enumerate(faces, 1)]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", "9", *nodes, "$EndNodes"]
+    (tmp_path / "part.msh").write_text("\n".join([*lines, "$Elements", "12", *cells, "$EndElements", ""]))
+    found = tabulate(skfem.MeshTet.load(str(tmp_path / "part.msh")), skfem.ElementTetP1())
+    assert found.places.shape == (9, 3) and np.isclose(found.weight.sum(), 1) and (found.of[:, 3] == 8).all()
+
+
 def test_facets_carry_loads():
     mesh = skfem.MeshHex().refined(1)
     top = mesh.facets_satisfying(lambda x: np.isclose(x[2], 1))
