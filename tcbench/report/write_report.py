@@ -56,7 +56,7 @@ def write_report(
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
     tables, declared, beside = together(store, tables, others) if others else (dict(tables), store.declared(), [])
     content = _content(store, tables | history(store.folder), declared)
-    runs = [str(name) for name in ([folder, *others] if others else [])]
+    runs = [Path(name).resolve().name for name in ([folder, *others] if others else [])]
     text = templates().get_template("report.html").render(**content, beside=beside, runs=runs)
     path = page or Path(folder) / "report.html"
     with writing(repr(str(path))), replacing(path) as temporary:

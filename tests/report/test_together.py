@@ -66,7 +66,7 @@ def test_one_command_writes_them_on_one_page_and_a_site_has_it_too(folders, tmp_
     done = CliRunner().invoke(main, ["report", *words])
     assert done.exit_code == 0 and "all.html" in done.output, done.output
     text = (tmp_path / "all.html").read_text()
-    assert "3 runs: " in text and "mine" in text and "compare as they are" in text
+    assert "3 runs: published, theirs, alone" in text and "mine" in text and "compare as they are" in text
     assert not (folders[0] / "report.html").exists()
     index = publish(folders[:2], tmp_path / "site")
     assert 'href="together.html"' in index.read_text() and (tmp_path / "site" / "together.html").is_file()
