@@ -228,8 +228,9 @@ def failures(tables: Tables, longest: int = 300) -> dict[str, dict[str, Any]]:
         found.setdefault(str(method), {})[str(scenario)] = [*cell, of["mark"].value_counts().to_dict()]
     for item in unmeasured(tables):
         here = int(runs.get((item.integrator, item.scenario), 0))
-        none: list[Any] = [0, here, "", {}]
-        cell = found.setdefault(item.integrator, {}).setdefault(item.scenario, none)
-        cell[:3] = [cell[0] + item.failed, cell[1] + item.runs, cell[2] or item.sentence[:longest]]
-        cell[3]["x"] = cell[3].get("x", 0) + item.failed
+        of_method, none = found.setdefault(item.integrator, {}), list[Any]([0, here, "", {}])
+        failed, every, text, marks = of_method.get(item.scenario, none)
+        marks["x"] = marks.get("x", 0) + item.failed
+        said = text or item.sentence[:longest]
+        of_method[item.scenario] = [failed + item.failed, every + item.runs, said, marks]
     return found
