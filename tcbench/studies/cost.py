@@ -63,7 +63,7 @@ def bought(records: Sequence[Row]) -> list[Row]:
             near = {t: next((_number(e) for v, e in known.items() if math.isclose(v, t)), math.nan)
                     for t in TOLERANCES_BOUGHT}  # fmt: skip
             row |= {f"over_{t:.0e}".replace("-0", "-"): e / t for t, e in near.items()}
-        elif points:
+        elif points and r.get("control") == "dt":
             row |= _one_percent(points)
         rows.append(row)
     return rows
