@@ -75,12 +75,16 @@ def mended_end(w: Work, tolerance: float) -> bool:
     """The state in `end`, mended; of any system False, too, where that moves it by much more than a step may miss: what
     the laws miss by little may be made up for by much of a variable on which they hardly depend. Elements have heat."""
     copy_into(w.target[0 : w.size], w.end[0 : w.size])
-    if w.of_elements:
-        return mended_elements(w)
-    good, limit = onto_laws(w), MOVED * max(tolerance, AGREED_AT_LEAST) * MOVED * max(tolerance, AGREED_AT_LEAST)
-    for i in range(w.size):
+    return onto_laws(w) and is_near(w, tolerance)
+
+
+def is_near(w: Work, tolerance: float) -> bool:
+    """Is the mended state near that in `end`?"""
+    limit = MOVED * max(tolerance, AGREED_AT_LEAST)
+    good = True
+    for i in range(0 if w.of_elements else w.size):
         y, move = w.end[i], w.mended[i] - w.end[i]
-        good = good and move * move <= limit * (w.least[i] + w.share[i] * y * y)
+        good = good and move * move <= limit * limit * (w.least[i] + w.share[i] * y * y)
     return good
 
 
@@ -358,15 +362,14 @@ def outputs(w: Work, h: float, times: Floats, tolerance: float, states: Matrix) 
     c = w.course
     here, n, end = c.row, len(times), c.t + h
     while here < n and times[here] <= end:
-        if h > c.gap and (here + 1 == n or times[here + 1] > end):
-            w.length[0] = times[here] - c.t
-            call(w.to_state, w.coefficients, w.length, w.end)
-            good = mended_end(w, tolerance)
-        else:
-            good = mended_state(w, times[here] - c.t)
+        good = mended_state(w, times[here] - c.t)
         call(w.to_z, w.mended, w.given, states[here])
         here += 1
         if not good:
+            return -1
+    if h > c.gap and here > c.row:
+        call(w.to_state, w.coefficients, w.length, w.end)
+        if not is_near(w, tolerance):
             return -1
     return here
 
