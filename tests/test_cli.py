@@ -195,7 +195,7 @@ BAD = [
     (("simulate", "tc_monolithic", "short_term", "--plugins-dir", ""), "name of a plugin folder is empty"),
     (("run", "-i", "tc_strang[a=all]"), "No parameter of 'tc_strang' is called 'a'"),
     (("run", "-i", "tc_gauss[k=1,k=2]"), "gives 'k' twice"),
-    (("run", "-s", "chain[n=100000000000]"), "at most 100000, not '100000000000'"),
+    (("run", "-s", "chain[n=100000000000]"), "from 2 to 100000, not '100000000000'"),
     (("run", "-s", "short_term", "--dt", "1e-12"), "GiB of states"),
     (("map", "tc_monolithic", "short_term", "--x", "dt=0.1:1:999999999999", "--y", "stiffness=1:2:3"), "at most 2000"),
     (("map", "tc_monolithic", "short_term", "--y", "dt=0.1:1:3", "--x", "stiffness=1:2:99999999999"), "at most 2000"),
