@@ -126,7 +126,9 @@ def _stages(
     weights, gain, previous = h / np.maximum(least, np.abs(z)), 1.0, np.inf
     with np.errstate(all="ignore"):
         correct = _correction(method, field, z + h * (method.A[len(method.A) // 2] @ K), h)
-        for _ in range(MOST_ITERATIONS if correct else 0):
+        if correct is None:
+            return None
+        for _ in range(MOST_ITERATIONS):
             left = field.rows(z + h * (method.A @ K)) - K
             if not np.all(np.isfinite(left)):
                 return None

@@ -14,7 +14,6 @@ import numpy as np
 from ..errors import TcbenchError
 from .least_sizes import LeastSizes
 from .operators import projected
-from .state import State
 from .traced import derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
@@ -55,7 +54,7 @@ class Formulas(LeastSizes):
         """M(z) dS, likewise."""
         return self._by_matrix("friction", z, dS, dE)
 
-    def _by_matrix(self, name: str, z: Any, slopes: Any, others: Any) -> State:
+    def _by_matrix(self, name: str, z: Any, slopes: Any, others: Any) -> Any:
         """The author's matrix times the slopes; 0 where there is none."""
         if getattr(type(self), name) is getattr(Formulas, name):
             return self.state(0.0 * z)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,7 +38,7 @@ class ShapeGradient:
         return trace.substitute(found, _pairs(self.variables, self.q) | _pairs(variables, values))
 
 
-def _pairs(variables: Any, values: Any) -> Mapping[Any, Any]:
+def _pairs(variables: Any, values: Any) -> dict[Any, Any]:
     return dict(zip(entries(variables), map(trace.lifted, entries(values)), strict=True))
 
 
