@@ -54,7 +54,7 @@ def test_waves_of_a_bar_have_the_speed_of_sound():
 
 
 def test_a_bar_has_a_whole_number_of_elements():
-    with pytest.raises(TcbenchError, match="whole number of elements, 2 to 100000, not 'x'"):
+    with pytest.raises(TcbenchError, match="n of bar is a whole number from 2 to 100000, not 'x'"):
         find_scenario("bar[n=x]")
 
 
