@@ -18,7 +18,7 @@ MORE = ("tc_gauss[k=2]", "tc_taylor[order=8]", "projected[method=solve_ivp_rk45]
 # Of what is measured by least sizes these are in the method itself: which state a projection moves to, and from where
 # on tc_gonzalez takes a slope for one of its own. 1 in the units of a scenario, they are what moves in others: see
 # docs/add-scenario.md. The laws are kept in any; the states differ by parts of the method's own error.
-BY_SIZE = {"projected", "cpg_invariant", "tc_taylor", "tc_gonzalez", "tc_gauss", "controlled"}
+BY_SIZE = {"projected", "multiple_relaxation", "cpg_invariant", "tc_taylor", "tc_gonzalez", "tc_gauss", "controlled"}
 ROUND_OFF = 1e-11  # of a run of STEPS steps over the size of a variable: the flows amplify it a thousand times at most
 TOLERANCE, FAR = 1e-7, 1e4  # BDF of order 1 to 5 misses a thousand times what it is asked for, with other weights
 METHODS = [name for name in [*tcbench.integrators(), *MORE] if not find_integrator(name).lacks]

@@ -54,8 +54,8 @@ def test_claimed_laws_hold_energy_entropy_momentum_and_lyapunovs_function(integr
     # no other law than the energy's sees to it that a step has a root, and of explicit ones none does
     sure = "energy" in METHODS[integrator].claims and not explicit(integrator)
     if sure or run(integrator, scenario).steps:
-        # a projection leaves round-off of its own, which adds up
-        assert_laws(run(integrator, scenario), invariants=1e-12 if sure else 1e-11, ended=sure)
+        # a projection or a relaxation leaves round-off of its own, which adds up
+        assert_laws(run(integrator, scenario), *((1e-12, 1e-13, 1e-12) if sure else (1e-11, 1e-13, 1e-11)), ended=sure)
 
 
 def test_every_method_and_every_scenario_is_among_the_first():
