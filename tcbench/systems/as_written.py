@@ -74,10 +74,14 @@ def check_repeats(model: System) -> None:
 
     model : the one that has symbols for constants.
     """
-    if not model.large and "energy" in model.written:
-        with trace.tracing():
-            z, dE, dS = (model.unknowns(name) for name in ("z", "dE", "dS"))
+    if model.large:
+        return
+    with trace.tracing():
+        z, dE, dS = (model.unknowns(name) for name in ("z", "dE", "dS"))
+        if "energy" in model.written:
             model.energy(z), model.entropy(z), model.reversible(z, dE, dS), model.irreversible(z, dE, dS)
+        elif not same_again(model.free_rate(z), lambda: model.free_rate(z)):  # of elements, whose parts have no names
+            raise TcbenchError(f"A formula of {model.name!r} {REMEDY}.")
 
 
 def _read_only(self: System, values: Any) -> Any:

@@ -48,7 +48,7 @@ def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_cou
     table = tcbench.run(methods, ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3]).tables["conservation"]
     assert table[table.integrator == "scipy_odeint"].tolerance.tolist() == [1e-9, 1e-6, 1e-3]
     known = table.groupby("integrator")[["us_per_step", "newton_iterations_mean"]].agg(lambda c: c.notna().all())
-    assert known.us_per_step.to_dict() == {name: name != "solve_ivp_radau" for name in sorted(methods)}
+    assert known.us_per_step.all()
     assert known.newton_iterations_mean[lambda k: k].index.tolist() == ["tc_gauss", "tc_gauss_adaptive", "verlet_heat"]
 
 
