@@ -172,9 +172,10 @@ class Scenario:
     @property
     def bound(self) -> float:
         """Largest |E - E0| of a run that is no blow-up."""
+        if "E0" not in self._cache:
+            self._cache["E0"] = float(self.model.energy(self.z0))
         bound = self.blowup_factor * self.initial_exergy
-        far = bound > REST * abs(float(self.model.energy(self.z0)))
-        return bound if far else max(bound, self.energy_round_off)
+        return bound if bound > REST * abs(self._cache["E0"]) else max(bound, self.energy_round_off)
 
     def consistent(self) -> Scenario:
         """The variant that starts at the nearest state on the constraints, with velocities along them."""
