@@ -35,7 +35,7 @@ MOST_KEPT = 1000  # hashes
 PURE = frozenset({
     "tcbench", "tcbench_plugins", "numpy", "scipy", "builtins", "math", "cmath", "_operator", "operator", "functools",
     "_functools", "itertools", "collections", "_collections", "_collections_abc", "numbers", "fractions", "dataclasses",
-    "enum", "typing", "types", "abc", "__future__", "copy", "copyreg", "contextlib",
+    "enum", "typing", "types", "abc", "__future__", "copy", "copyreg", "contextlib", "reprlib",
 })  # fmt: skip
 READERS = frozenset({  # names in these that read files, draw numbers, or compute names
     "load", "loadtxt", "genfromtxt", "fromfile", "fromregex", "memmap", "DataSource", "random", "default_rng",

@@ -6,8 +6,6 @@ Its states are not certified, as those of `lookup` are: they tell errors of 1e-8
 from __future__ import annotations
 
 import time
-from bisect import bisect_left
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,25 +24,29 @@ MOST = 200  # numbers of a state up to which LSODA's Jacobian is affordable
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """end : the time that it reaches; lowest, highest : of each temperature and measure up to each of `times`, shape
-    (steps + 1, watched)."""
+    """times : of the solver's steps, shape (steps + 1,); lowest, highest : of each temperature and measure up to each
+    of them, shape (steps + 1, watched); moves : the solver's step behind each polynomial, shape (steps,); terms : its
+    coefficients in powers of (t - end of the step) / move, shape (steps, size, orders + 1)."""
 
-    times: list[float]
+    times: Floats
     lowest: Floats
     highest: Floats
-    pieces: list[Callable[[float], Floats]]
+    moves: Floats
+    terms: Floats
 
     @property
     def end(self) -> float:
-        return self.times[-1]
+        return float(self.times[-1])
 
     def __call__(self, t: float) -> Floats:
         """The state, shape (size,), at a time up to `end`."""
-        return np.asarray(self.pieces[max(0, bisect_left(self.times, t) - 1)](t))
+        k = max(0, int(np.searchsorted(self.times, t)) - 1)
+        powers = ((t - self.times[k + 1]) / self.moves[k]) ** np.arange(self.terms.shape[2])
+        return np.asarray(self.terms[k] @ powers)
 
     def ranges(self, t: float) -> tuple[Floats, Floats]:
         """Least and largest of each temperature and measure up to a time."""
-        k = min(bisect_left(self.times, t), len(self.times) - 1)
+        k = min(int(np.searchsorted(self.times, t)), len(self.times) - 1)
         return self.lowest[k], self.highest[k]
 
 
@@ -99,5 +101,8 @@ def _path(symbolic: System, start: _Start, t_end: float) -> Path | None:
         if not pieces:
             return None
         values = watched(model, np.array(rows))
+    terms = np.zeros((len(pieces), model.size, max(len(piece.p) for piece in pieces)))
+    for row, piece in zip(terms, pieces, strict=True):
+        row[:, : len(piece.p)] = piece.yh
     lowest, highest = np.minimum.accumulate(values), np.maximum.accumulate(values)
-    return Path(times, lowest, highest, pieces)
+    return Path(np.array(times), lowest, highest, np.array([float(piece.h) for piece in pieces]), terms)

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
-from ..reference.path import path_of, watched
+from ..reference.path import TOLERANCE, Path, path_of, watched
+from ..systems.scenario import Scenario
+from . import shared_runs
 from .trajectory import Trajectory
 
 HORIZON = 25.0  # up to which runs are compared: chaotic motions are not longer known
@@ -21,7 +23,7 @@ def beside_the_exact(run: Trajectory) -> dict[str, float]:
     its exact range, over the widest of these ranges of its kind. Dimensionless but for theta_min and the like.
     """
     scenario = run.scenario
-    model, exact = scenario.model, path_of(scenario, min(HORIZON, scenario.t_end))
+    model, exact = scenario.model, _exact(scenario, min(HORIZON, scenario.t_end))
     if exact is None or len(run.t) < 2:
         return {}
     last = int(np.searchsorted(run.t, exact.end * (1 + 1e-12), side="right")) - 1
@@ -57,3 +59,14 @@ def beside_the_exact(run: Trajectory) -> dict[str, float]:
             "theta_max": float(most[:count].max()), "theta_max_exact": float(high[:count].max()),
         }  # fmt: skip
     return found
+
+
+def _exact(scenario: Scenario, t_end: float) -> Path | None:
+    """The exact course; within a run of many cells it is computed once for all methods."""
+    until = scenario.replace(t_end=t_end)
+    if (found := shared_runs.arrays("exact course", until, TOLERANCE)) is not None:
+        return Path(**found)
+    path = path_of(scenario, t_end)
+    if path is not None:
+        shared_runs.keep_arrays("exact course", until, TOLERANCE, vars(path))
+    return path

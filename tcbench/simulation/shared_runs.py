@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -24,6 +25,7 @@ from ..systems.scenario import Scenario
 
 SHORTEST_S = 0.02  # runs that take less are made again
 MOST_NUMBERS = 100_000  # of a run's states
+MOST_ARRAYS = 4_000_000  # numbers of what is left as arrays: 32 MB
 
 _folder: Path | None = None
 _found = 0
@@ -104,6 +106,24 @@ def keep(name: str, scenario: Scenario, tolerance: float, run: Solved) -> None:
     data: dict[str, Any] = asdict(run) | {"states": run.states.tolist()}
     with suppress(OSError), replacing(_place(_folder, name, scenario, tolerance)) as temporary:  # the others run it too
         temporary.write_text(json.dumps(data), encoding="utf-8")
+
+
+def arrays(name: str, scenario: Scenario, tolerance: float) -> dict[str, np.ndarray] | None:
+    """What `keep_arrays` has left under this name, for this scenario."""
+    if _folder is not None:
+        place = _place(_folder, name, scenario, tolerance).with_suffix(".npz")
+        with suppress(OSError, ValueError, zipfile.BadZipFile), np.load(place, allow_pickle=False) as data:
+            return dict(data)
+    return None
+
+
+def keep_arrays(name: str, scenario: Scenario, tolerance: float, found: Mapping[str, np.ndarray]) -> None:
+    """Leave arrays to others, whatever time they took."""
+    if _folder is None or sum(array.size for array in found.values()) > MOST_ARRAYS:
+        return
+    place = _place(_folder, name, scenario, tolerance).with_suffix(".npz")
+    with suppress(OSError), replacing(place) as temporary:
+        np.savez(temporary, allow_pickle=False, **found)
 
 
 def _place(folder: Path, name: str, scenario: Scenario, tolerance: float) -> Path:

@@ -7,6 +7,7 @@ from scipy.linalg import expm
 import tcbench
 from tcbench import Scenario, System
 from tcbench.report.by_method import remarks
+from tcbench.simulation import shared_runs
 from tcbench.simulation.beside import beside_the_exact
 from tcbench.studies.conservation import measure
 
@@ -73,3 +74,17 @@ def test_tables_have_it_and_a_sentence_says_it():
     ]
     said = [s for s in remarks({"conservation": pd.DataFrame(rows)}) if "left the exact range" in s]
     assert len(said) == 1 and said[0].startswith("1 runs") and "exactly 280 to 330" in said[0]
+
+
+def test_within_a_run_the_exact_course_is_computed_once(tmp_path, monkeypatch):
+    run = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
+    alone = beside_the_exact(run)
+    with shared_runs.kept_in(str(tmp_path)):
+        assert beside_the_exact(run) == alone
+        monkeypatch.setattr("tcbench.simulation.beside.path_of", None)  # cannot be called
+        assert beside_the_exact(run) == alone and alone["t_compared"] > 1.0
+        assert "error_theta" in alone and "range_left" in alone
+        damaged = next(tmp_path.glob("*.npz"))
+        damaged.write_bytes(damaged.read_bytes()[:300])
+        with pytest.raises(TypeError):  # it is computed again
+            beside_the_exact(run)
