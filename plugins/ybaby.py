@@ -35,10 +35,10 @@ def hamiltonian(system):
     slope, p = sym.gradient(z), list(np.ravel(z.p))
     rest = [x for name in names if name != "p" for x in np.ravel(getattr(z, name))]
     of_p, of_rest = (np.ravel(slope.p), [x for n in names if n != "p" for x in np.ravel(getattr(slope, n))])
-    return not _under(of_p, rest) and not _under(of_rest, p)
+    return not under(of_p, rest) and not under(of_rest, p)
 
 
-def _under(formulas, variables):
+def under(formulas, variables):
     """Do any of the formulas depend on any of the variables?"""
     moving = trace.depends_on([trace.lifted(f) for f in formulas], variables)
     return any(trace.lifted(f).number in moving for f in formulas)
@@ -48,6 +48,8 @@ def refuses(system):
     if system.large:
         numbers = f"the {system.size} of {system.name} are traced on arrays"
         return f"its formulas take the numbers of a state one by one, and {numbers}: {ANOTHER}"
+    if system.multipliers:
+        return f"its explicit kicks do not solve for the multipliers of {system.name}: {ANOTHER}"
     if hamiltonian(system):
         return ""
     return f"it needs positions q and momenta p with H = K(p) + U(q, the rest), which {system.name} has not: {ANOTHER}"
@@ -114,7 +116,7 @@ def _decay(system, z, E, rate):
     slopes, nothing = trace.jacobian(rates, p), dict.fromkeys(p, trace.const(0.0))
     d = np.diagonal(slopes)
     aside = [slopes[i, j] for i in range(len(p)) for j in range(len(p)) if i != j]
-    constant = not _under([*d, *trace.jacobian([E], [z.s])[0]], [*p, z.s])
+    constant = not under([*d, *trace.jacobian([E], [z.s])[0]], [*p, z.s])
     zero = all(trace.is_const(x, 0.0) for x in [*aside, *trace.substitute(rates, nothing)])
     return d if constant and zero else None
 

@@ -129,6 +129,66 @@ def test_systems_without_momenta_are_refused_in_a_sentence():
     for name in ("rigid_body", "heavy_top", "reaction"):
         with pytest.raises(TcbenchError, match=rf"mybaby.*positions q and momenta p .* which {name} has not"):
             tcbench.simulate("mybaby", name)
+    with pytest.raises(TcbenchError, match="'ybaby'.*multipliers"):
+        tcbench.simulate("ybaby", "rods[n=3]", dt=0.01)
+
+
+# ---- a variational integrator of thermodynamics
+
+
+def test_a_variational_step_solves_the_discrete_lagrange_dalembert_equations():
+    """Of two ideal gases, with their free energies A = theta (3/2 - 3/2 ln(3 theta/2) - ln V), by central differences;
+    thermal displacements a start from 0, and the momenta are those of both ends."""
+    h, start = 0.1, SCENARIOS["gas_containers"].replace(temperatures=(1.2, 1.5))
+    (q0, p0, *s0), (q1, p1, *s1) = tcbench.simulate("variational", start, dt=h, t_end=h).z
+    middle = (q0 + q1) / 2, np.add(s0, s1) / 2
+
+    def lagrangian(x):
+        (q, r), theta = x[:2], x[2:] / h
+        free = [theta * (1.5 - 1.5 * np.log(1.5 * theta) - np.log([q, 2 - q])) for q in (q, r)]
+        return h * ((r - q) / h) ** 2 / 2 - h / 2 * np.sum(free)
+
+    def temperatures(q, s):
+        return (np.exp(s) / [q, 2 - q]) ** (2 / 3) / 1.5
+
+    def conduction(theta):
+        a, b = theta
+        return 0.5 * np.array([(b - a) / (a * a * b), (a - b) / (a * b * b)])
+
+    theta = temperatures(*middle)  # of Newton's first, which finds the one that both ends agree on
+    at = np.array([q0, q1, *(h * theta)])
+    for _ in range(50):
+        slopes = np.array([lagrangian(at + e) - lagrangian(at - e) for e in 1e-6 * np.eye(4)]) / 2e-6
+        produced = h * conduction(at[2:] / h)
+        at[2:] *= 1 + (np.array(s0) + produced / 2 - slopes[2:]) / 3
+    assert [-slopes[0], slopes[1]] == pytest.approx([p0, p1], rel=1e-8)  # no friction here
+    assert [*(slopes[2:] - produced / 2), *(slopes[2:] + produced / 2)] == pytest.approx([*s0, *s1], rel=1e-7)
+    assert np.abs(produced).min() > 1e-3
+
+
+def test_a_variational_integrator_needs_entropies_as_variables_and_no_closed_form_of_temperatures():
+    class ByEnergy(System):
+        """Its entropy is a function of an energy u."""
+
+        name = "by_energy"
+        variables = {"q": (), "p": (), "u": ()}
+        constants = {"rub": ()}
+
+        def energy(self, z):
+            return (z.q**2 + z.p**2) / 2 + z.u
+
+        def entropy(self, z):
+            return np.log(z.u)
+
+        def reversible(self, z, dE, dS):
+            return {"q": dE.p, "p": -dE.q}
+
+        def irreversible(self, z, dE, dS):
+            return {"p": -self.rub * dE.p, "u": self.rub * dE.p**2 / dE.u}
+
+    scenario = Scenario("of_energy", ByEnergy, {"rub": 0.1}, initial={"q": 1, "p": 0, "u": 1}, t_end=1, dt=0.1)
+    with pytest.raises(TcbenchError, match="entropies as variables, which by_energy has not"):
+        tcbench.simulate("variational", scenario)
 
 
 # ---- collocation beyond Gauss's

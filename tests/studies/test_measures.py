@@ -44,7 +44,8 @@ BY_MATRICES = tcbench.Scenario("m", ByMatrices, {"rub": 0.1}, initial={"q": 1, "
 
 
 @pytest.mark.parametrize(
-    ("method", "symplectic"), [("midpoint_entropy", True), ("ybaby", True), ("tc_monolithic", False)]
+    ("method", "symplectic"),
+    [("midpoint_entropy", True), ("ybaby", True), ("variational", True), ("tc_monolithic", False)],
 )
 def test_the_symplecticity_defect_knows_symplectic_methods(method, symplectic):
     """By differences 1e-8 is none; a discrete gradient is not symplectic."""
