@@ -129,7 +129,7 @@ def test_systems_without_momenta_are_refused_in_a_sentence():
     for name in ("rigid_body", "heavy_top", "reaction"):
         with pytest.raises(TcbenchError, match=rf"mybaby.*positions q and momenta p .* which {name} has not"):
             tcbench.simulate("mybaby", name)
-    with pytest.raises(TcbenchError, match="'ybaby'.*multipliers"):
+    with pytest.raises(TcbenchError, match=r"'ybaby'.*multipliers"):
         tcbench.simulate("ybaby", "rods[n=3]", dt=0.01)
 
 
