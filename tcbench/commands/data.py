@@ -15,7 +15,6 @@ from . import terminal
 from .simulate import one_of
 
 SHOWN = 6  # nearest methods
-ROUND_OFF = 1e-13  # a method whose steps miss no more has made the data
 
 
 def data_command(
@@ -59,7 +58,7 @@ def _written(
 
 
 def _judged(scenario: Any, path: Path) -> dict[str, Any]:
-    from ..simulation.data_set import judge
+    from ..simulation.data_set import ROUND_OFF, judge
 
     with waiting(f"computing the trajectories of {path} as {scenario.name}"):
         found = judge(path, scenario, [*plugins.integrators().values()])
@@ -78,17 +77,16 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
             f"Error of the last states: {np.median(last):.1e} in the median, at most {last.max():.1e}; the references' "
             f"own error is at most {np.nanmax(found.known):.1e}."
         )
-    sentences += [_told(each) for each in nearest if each["difference"] <= ROUND_OFF] or [
-        "No method made it, step by step; the nearest are:",
-        *(_told(each) for each in nearest),
-    ]
+    made = [_told(each, "made the data") for each in nearest if each["difference"] <= ROUND_OFF]
+    off = [_told(each, "is off by more than round-off") for each in nearest]
+    exact = ["The states are the solution to round-off: no error is left by which to tell what made them."]
+    sentences += exact if found.exact else made or ["No method made it, step by step; the nearest are:", *off]
     error = [float(x) for x in np.nanmax(found.errors, axis=0, initial=0.0)]
     return {"file": str(path), "times": found.times.tolist(), "error_max": error, "nearest": nearest,
             "sentences": sentences}  # fmt: skip
 
 
-def _told(nearest: dict[str, Any]) -> str:
+def _told(nearest: dict[str, Any], what: str) -> str:
     parts, missed = nearest["steps_between"], nearest["difference"]
     steps = f"{parts} steps" if parts > 1 else "one step"
-    made = "made the data" if missed <= ROUND_OFF else "is off by more than round-off"
-    return f"{nearest['integrator']} {made}: {steps} from each state to the next, to {missed:.1e} in the median."
+    return f"{nearest['integrator']} {what}: {steps} from each state to the next, to {missed:.1e} in the median."

@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 import scipy.io
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import tcbench
+from tcbench.cli import main
 from tcbench.simulation.data_set import data_set, judge, read_published, starts_around
 
 SCENARIO = "short_term"
@@ -65,6 +67,15 @@ def test_a_data_set_of_a_method_names_it(tmp_path):
     truth = tcbench.simulate("tc_gauss_adaptive", SCENARIO, times=[0, 4.0], tolerance=1e-12).z[-1]
     size = np.maximum(tcbench.scenarios()[SCENARIO].model.least_each, np.abs(truth))
     assert found.errors[0, -1] == pytest.approx(np.max(np.abs(run.z[-1] - truth) / size), rel=1e-4)
+
+
+def test_exact_data_name_no_method(pendulum, tmp_path):
+    """Of the solution itself gauss3 in ten steps from a state to the next was said to have made it."""
+    pendulum.write(tmp_path / "exact.npz")
+    found = judge(tmp_path / "exact.npz", tcbench.scenarios()[SCENARIO], [tcbench.integrators()["gauss3"]])
+    assert found.exact and not found.methods
+    told = CliRunner().invoke(main, ["data", SCENARIO, "--judge", str(tmp_path / "exact.npz")])
+    assert told.exit_code == 0 and "made the data" not in told.output and "solution to round-off" in told.output
 
 
 def test_both_files_are_read_back(pendulum, tmp_path):
