@@ -51,15 +51,11 @@ def test_what_is_published_is_of_the_run_and_written_by_tcbench(folder, tmp_path
     (folder / "sources" / "link.py").symlink_to(secret)
     (folder / "sources" / "all").symlink_to(tmp_path)
     (folder / "tables" / "evil.svg").write_text("<svg/>")
-    (folder / "summary.csv").unlink(missing_ok=True)
-    (folder / "summary.csv").symlink_to(secret)
     os.utime(folder / "report.html", (2**31, 2**31))
     publish([folder], tmp_path / "site")
     place = tmp_path / "site" / "run"
     assert [p.name for p in (place / "sources").rglob("*")] == ["mine.py"]
-    assert {p.suffix for p in (place / "tables").iterdir()} <= {".csv", ".parquet"} and not (
-        place / "summary.csv"
-    ).exists()
+    assert {p.suffix for p in (place / "tables").iterdir()} <= {".csv", ".parquet"}
     assert "alert(1)" not in (place / "index.html").read_text("utf-8")
     (folder / "sources" / "mine.py").unlink()
     shutil.rmtree(folder / "sources")

@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 
 from ..integrator import Integrator
-from ..simulation import shared_runs
 from ..simulation.run import run_flows, simulate
 from ..simulation.stepper import stepper
 from ..simulation.trajectory import Trajectory
 from ..solver.implicit_step import PRINCIPAL, STOP_AT_FOLD, Rules
 from ..systems.scenario import Scenario
-from .timing import warm_up
 
 FINE = 64  # rungs an octave
 COARSE = 16  # fine rungs in a coarse one: 2^(k/4)
@@ -291,34 +289,6 @@ def _points(solver: str, ladder: Ladder) -> Iterator[tuple[Outcome, dict[str, An
             "solver": solver, "dt": p.dt, "status": p.status, "kind": p.kind, "blowup_time": p.blowup_time,
             "energy_error_max": p.energy_error,
         }  # fmt: skip
-
-
-TOLERANCES = tuple(10 ** (-k / 2) for k in range(17))  # 1, 0.32, ... 1e-8
-HOLDS = 3  # so many tolerances in a row must hold, ...
-SLOW_S = 0.25  # ... or one where a run takes longer than this: tighter ones would take longer still
-SLOW_FAILURES = 2  # so many failed runs as slow as that end the search
-
-
-def loosest_tolerance(integrator: Integrator, scenario: Scenario) -> dict[str, Any]:
-    """One row of `stable_tolerances`: the loosest tolerance of an adaptive solver at which, and at the next two tighter
-    ones, a run does not fail (NaN if there is none down to 1e-8), and why the next looser one does."""
-    held: list[float] = []
-    failed, last, slow = math.nan, None, 0
-    for tolerance in TOLERANCES:
-        warm_up(integrator, scenario, [{"tolerance": tolerance}])  # a first run's compiling is none of its time
-        run = simulate(integrator, scenario, tolerance=tolerance)
-        one, is_slow = outcome_of(run), shared_runs.work_s() > SLOW_S  # however busy the machine is
-        if one.ok:
-            held.append(tolerance)
-        else:
-            held, failed, last, slow = [], tolerance, one, slow + is_slow
-        if len(held) == HOLDS or (held and is_slow) or slow == SLOW_FAILURES:
-            break
-    holds = held[0] if held and (len(held) == HOLDS or is_slow) else math.nan
-    return {
-        "tolerance_stable": holds, "tolerance_unstable": failed, "confirmed": len(held),
-        "limit": last.kind if last else NONE, "cause": last.failure if last else "",
-    }  # fmt: skip
 
 
 def _step(rung: int | None) -> float:

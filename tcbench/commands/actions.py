@@ -16,10 +16,6 @@ from ..analysis.order_fit import MIN_POINTS
 from ..errors import LOUD, TcbenchError, unknown_name
 from ..progress import waiting
 from ..report.by_method import by_method, lost, remarks, without_number
-from ..report.pairs import pairs
-from ..report.summary import summary
-from ..runner.codec import csv_bytes
-from ..runner.disk import replace_file
 from ..runner.plan import plan_job, preview
 from ..runner.rows import Store
 from ..runner.run import run
@@ -55,10 +51,8 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
     if limit and not sys.platform.startswith("linux"):
         terminal.warn([f"--memory-limit is not enforced on {sys.platform}."])
     results = run(**chosen, dt=dt, options=drawn, security=security or None, **options)
-    with waiting("summing up"):
-        store, tables = Store.read(results.output), results.every
-        store.problems[:] = results.problems
-        replace_file(results.output / "summary.csv", csv_bytes(summed(tables, store)), results.output)
+    store, tables = Store.read(results.output), results.every
+    store.problems[:] = results.problems
     page = None
     if report and not results.summary.interrupted:
         from ..report.write_report import write_report
@@ -241,18 +235,9 @@ def show_command(
         for sentence in remarks(tables):
             terminal.say(f"\n{sentence}")
     else:
-        if scenarios:
-            terminal.print_frame(summed(tables, store).drop(columns="claims broken"), "summary")
-        else:
-            terminal.print_methods(by_method(tables, told(store)), remarks(tables))
+        terminal.print_methods(by_method(tables, told(store)), remarks(tables))
         terminal.warn(unknown_methods(tables, store))
         terminal.print_contents(tables, folder)
-
-
-def summed(tables: Mapping[str, DataFrame], store: Store) -> DataFrame:
-    """Each method on each scenario, in words."""
-    declared = told(store)
-    return summary(pairs(tables, declared), declared["integrators"])
 
 
 def told(store: Store) -> dict[str, Any]:

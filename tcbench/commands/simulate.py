@@ -14,7 +14,7 @@ from .. import plugins
 from ..errors import TcbenchError, needs_folder, writing
 from ..files import written
 from ..progress import waiting
-from ..report.summary import verdicts
+from ..report.verdicts import verdicts
 from ..simulation import metrics
 from ..simulation.run import simulate
 from ..simulation.views import columns

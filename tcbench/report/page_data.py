@@ -12,7 +12,7 @@ from ..runner.declared import FAMILIES as DECLARED
 from ..runner.declared import LAWS
 from ..studies.base import table_owners
 from .pairs import NUMBERS, PAIR, is_kept, ladder_runs, law_columns, laws, losses, settings, to_numbers
-from .summary import is_claimed
+from .verdicts import is_claimed
 from .words import is_finite
 
 if TYPE_CHECKING:

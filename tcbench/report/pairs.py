@@ -1,4 +1,4 @@
-"""What each method came to on each scenario: the one table that terminal, summary.csv, page and sentences read."""
+"""What each method came to on each scenario: the one table that terminal, page and sentences read."""
 
 from __future__ import annotations
 
@@ -274,12 +274,19 @@ def _coarsest(table: DataFrame | None) -> list[Any]:
 
 def _cost(tables: Tables, declared: Tables) -> Series | None:
     """Microseconds a step of fixed-step methods: as timed alone, else beside other cells."""
-    rows, points, ladder = (tables.get(name) for name in ("cost", "work_precision", "conservation"))
-    if rows is not None and points is not None:
-        rows = rows[rows["integrator"].isin(points.loc[points["control"].astype(str).eq("dt"), "integrator"])]
-    elif ladder is not None:
-        rows = _at_own_step(ladder, declared)
-        rows = rows[rows["status"].eq("ok")]
-    else:
+    work, ladder = tables.get("work_precision"), tables.get("conservation")
+    if work is not None:
+        return timed_steps(work)
+    if ladder is None:
         return None
+    rows = _at_own_step(ladder, declared)
+    rows = rows[rows["status"].eq("ok")]
     return _last(rows, cost=_plain(rows, "us_per_step"))["cost"]
+
+
+def timed_steps(work: DataFrame) -> Series:
+    """Microseconds a step, of the run of most steps of each method of a fixed step in `work_precision`."""
+    rows = work[work["control"].eq("dt") & work["status"].eq("ok")]
+    steps, seconds = to_numbers(rows, "steps"), to_numbers(rows, "wall_time_min_s")
+    longest = steps.eq(steps.groupby([rows[name] for name in PAIR]).transform("max"))
+    return _last(rows[longest], cost=(1e6 * seconds / steps)[longest])["cost"]

@@ -16,7 +16,6 @@ from ..runner.rows import Store
 from .together import machine
 from .write_report import templates, write_report
 
-COPIED = ("summary.csv", "declared.json")  # beside report, tables, sources and the manifest
 # Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
 TREES = {"tables": (".csv", ".parquet"), "sources": (".py", ".toml", ".txt", ".csv", ".json", ".npy", ".npz")}
 INDEX, TOGETHER = "index.html", "together.html"
@@ -71,10 +70,7 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
             if _is_own(found) and found.suffix.lower() in suffixes and not any(p.startswith(".") for p in inside.parts):
                 (place / inside).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(found, place / inside)
-    for file in COPIED:
-        (place / file).unlink(missing_ok=True)
-        if _is_own(run / file):
-            shutil.copyfile(run / file, place / file)
+    (place / "declared.json").write_text(json.dumps(declared, indent=2, sort_keys=True), encoding="utf-8")
     (place / "manifest.json").write_text(json.dumps(manifest, indent=2, sort_keys=True), encoding="utf-8")
     git: dict[str, Any] = manifest.get("git") or {}
     return {

@@ -12,7 +12,7 @@ from ..runner.tables import read_tables
 from ..studies.base import known_tables
 from ..studies.columns import column
 from .page_data import names
-from .pairs import PAIR, to_numbers
+from .pairs import PAIR, timed_steps, to_numbers
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -86,9 +86,9 @@ def _yardstick(
     if here and here == where:
         return 1.0, f"{label} was measured on the same kind of machine ({here}): its times are as they were."
     beside = where or "a machine that it does not name"
-    for name in ("cost", "conservation"):
+    for name, of_a_step in (("work_precision", timed_steps), ("conservation", _of_a_step)):
         if name in tables and name in found:
-            mine, theirs = (_of_a_step(of[name]) for of in (tables, found))
+            mine, theirs = (of_a_step(of[name]) for of in (tables, found))
             ratio = (mine / theirs[~theirs.index.get_level_values("scenario").isin(changed)]).dropna()
             if len(ratio):
                 factor, of = float(ratio.median()), f"of a step's time over {len(ratio)} methods and scenarios"

@@ -1,4 +1,4 @@
-"""From the rungs of the work_precision study: the time to an accuracy, and how time grows with the work."""
+"""From the rungs of the work_precision study: the time to an accuracy, and what a step or a tolerance buys."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from ..table import Column, Table
 TARGETS = {"error": (1e-3, 1e-6, 1e-9), "energy_error_max": (1e-6, 1e-12)}
 FLOOR = "reference_floor"
 HIDES = 10.0  # times the reference's own uncertainty: errors below are hidden
-LEAST_S = 2e-5  # shorter runs measure the call, not the work
 TO_ACCURACY = Table(
     "time_to_accuracy",
     (
@@ -26,17 +25,6 @@ TO_ACCURACY = Table(
     derived=True,
     terminal=("integrator", "measure", "target", "time_s", "ratio_to_best_peer", "ratio_to_best_scipy"),
 )  # fmt: skip
-COST = Table(
-    "cost",
-    (
-        "integrator", "scenario", Column("exponent_steps", short="time ~ steps^", timing=True),
-        Column("exponent_horizon", short="time ~ horizon^", timing=True), "us_per_step",
-        Column("seconds", worse="higher", timing=True), Column("made", compared=False),  # in rows
-    ),
-    derived=True,
-    terminal=("integrator", "exponent_steps", "exponent_horizon", "us_per_step"),
-)  # fmt: skip
-
 BOUGHT = Table(
     "bought",
     (
@@ -159,25 +147,9 @@ def _least(times: dict[str, float]) -> tuple[str, float]:
     return name, reached[name]
 
 
-def cost_rows(records: Sequence[Row]) -> list[Row]:
-    """One row a method and scenario: exponents of time against steps (over the ladder) and against the horizon."""
-    rows = []
-    for r in sorted(records, key=lambda r: (r["scenario"], r["integrator"])):
-        done = [p for p in r.get("points") or [] if p.get("status") == "ok" and p.get("steps")]
-        steps = [(float(p["steps"]), p["wall_time_min_s"]) for p in done]
-        horizons = [(p["t"], p["seconds"]) for p in r.get("horizons") or []]
-        longest = max(done, key=lambda p: p["steps"], default=None)
-        rows.append({
-            "integrator": r["integrator"], "scenario": r["scenario"], "exponent_steps": exponent(steps),
-            "exponent_horizon": exponent(horizons),
-            "us_per_step": 1e6 * longest["wall_time_min_s"] / longest["steps"] if longest else math.nan,
-        })  # fmt: skip
-    return rows
-
-
-def exponent(pairs: Sequence[tuple[float, float]], least: float = LEAST_S) -> float:
-    """a of time ~ work^a by least squares in logarithms, over runs long enough to measure; NaN of fewer than three."""
-    used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > least]
+def exponent(pairs: Sequence[tuple[float, float]]) -> float:
+    """a of time ~ work^a by least squares in logarithms; NaN of fewer than three."""
+    used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > 0]
     if len({w for w, _ in used}) < 3:
         return math.nan
     mean_w, mean_t = (math.fsum(x) / len(used) for x in zip(*used, strict=True))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -129,13 +128,6 @@ def _numbers_hash(scenario: str, seeds: tuple[int, ...], ranges: tuple[tuple[str
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
 
 
-def drawn_numbers(scenarios: Sequence[Scenario]) -> Row:
-    """Of a block, as its row keeps them: a list each, of those that differ; one number of those that are alike."""
-    rows = [scenario.numbers() for scenario in scenarios]
-    columns = {name: [row.get(name, math.nan) for row in rows] for name in rows[0]} if rows else {}
-    return {name: values[0] if len(set(values)) == 1 else values for name, values in columns.items()}
-
-
 def drawn(scenario: Scenario, options: Row) -> list[Any]:
     """The numbers of all members of a block; of references, what computes them."""
     found: list[Any] = [numbers_hash(scenario, options["seeds"])]
@@ -152,7 +144,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     scenarios = members(scenario, options["seeds"])
     if options["part"] == REFERENCES:
         return {"status": "ok", "references": runs.references(scenarios)}
-    common: Row = {"status": "ok", "claims": sorted(integrator.claims), "drawn": drawn_numbers(scenarios)}
+    common: Row = {"status": "ok", "claims": sorted(integrator.claims)}
     if options["part"] == SHARES:
         return common | {"rows": runs.shares(integrator, scenarios, options["dt"])}
     control = "tolerance" if integrator.kind == "adaptive" else "dt"

@@ -78,15 +78,6 @@ PROFILE = Table(
     derived=True,
     long=True,
 )  # fmt: skip
-FIRSTS = Table(
-    "first_share",
-    (
-        "ensemble", "integrator", "measure", "target", "runs", "without_reference", "share_s", "first", "reached",
-        "share", "low", "high", "first_seed",
-    ),
-    derived=True,
-    terminal=("integrator", "measure", "target", "runs", "first", "reached", "share", "low", "high"),
-)  # fmt: skip
 SCENARIOS = Table(
     "ensemble_scenarios",
     (
@@ -96,18 +87,7 @@ SCENARIOS = Table(
     key=("seed",),
     long=True,
 )  # fmt: skip
-SEEDS = Table(
-    "ensemble_seeds",
-    (
-        "ensemble", "integrator", Column("seed", digits=6), "control", "runs", "failed",
-        Column("fails_from", short="fails from"), "kind", "reference_gap", "lyapunov", "first_seed",
-        Column("*_error_max", worse="larger"), Column("temperature*", digits=6),
-    ),
-    digits=5,
-    derived=True,
-    long=True,
-)  # fmt: skip
-TABLES = (FAILURES, LAWS, ACCURACY, POINTS, PROFILE, FIRSTS, SCENARIOS, SEEDS)
+TABLES = (FAILURES, LAWS, ACCURACY, POINTS, PROFILE, SCENARIOS)
 
 
 def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
@@ -134,15 +114,13 @@ def _one_ensemble(records: Sequence[Row]) -> dict[str, DataFrame]:
     known = scenario_rows(records)
     ladders = with_errors(records, known)
     runs = pd.DataFrame([*run_rows(records)])
-    profiles, firsts = profile_rows(records, ladders, known)
     scenarios = [{k: v for k, v in row.items() if k != "state"} for row in known.values()]
     rows = {
         "failure_share": share_rows(runs), "ensemble_laws": law_rows(runs),
         "ensemble_accuracy": accuracy_rows(ladders, known), "ensemble_points": point_rows(ladders, known),
-        "performance_profile": profiles, "first_share": firsts, "ensemble_scenarios": scenarios,
+        "performance_profile": profile_rows(records, ladders, known), "ensemble_scenarios": scenarios,
     }  # fmt: skip
-    frames = {name: pd.DataFrame(found) for name, found in rows.items()}
-    return frames | {"ensemble_seeds": seed_rows(records, runs, known)}
+    return {name: pd.DataFrame(found) for name, found in rows.items()}
 
 
 # -- failures and laws
@@ -211,45 +189,9 @@ def law_rows(runs: DataFrame) -> list[Row]:
     return rows
 
 
-# -- methods on scenarios
-
-
-def seed_rows(records: Sequence[Row], runs: DataFrame, known: Mapping[int, Row]) -> DataFrame:
-    """How many runs of each method on each scenario failed, the first of them (least step, or loosest tolerance) and
-    how, and the largest error of each law over all of them; error bar and growth rate, where they are known."""
-    import pandas as pd
-
-    if not len(runs):
-        return pd.DataFrame()
-    made = runs[runs["kind"] != "too slow"]
-    by = made.groupby(["integrator", "seed"], sort=True)
-    failed = made[made["kind"] != "ok"]
-    order = np.where(failed["control"] == "dt", failed["value"], -failed["value"])
-    first = failed.iloc[np.argsort(order, kind="stable")].groupby(["integrator", "seed"], sort=True)
-    table = by[["control"]].first().assign(runs=by.size()).join(first.size().rename("failed"))
-    table["failed"] = table["failed"].fillna(0).astype(int)
-    table = table.join(first[["value", "kind"]].first().rename(columns={"value": "fails_from"}))
-    laws = {f"law.{name}": f"{name}_error_max" for name in law_names(made)} | {"law.entropy": "entropy_fall_max"}
-    worst = [name for name in laws if name in made]
-    table = table.join(by[worst].max().rename(columns=laws)).reset_index()
-    for column in ("reference_gap", "lyapunov") if known else ():
-        table[column] = [known[seed][column] if seed in known else math.nan for seed in table["seed"]]
-    return table.join(_numbers(records), on="seed")
-
-
 def law_names(runs: DataFrame) -> list[str]:
     """Of the columns law.NAME and broken.NAME of a table of runs."""
     return [name.removeprefix("law.") for name in runs if name.startswith("law.")]
-
-
-def _numbers(records: Sequence[Row]) -> DataFrame:
-    """The numbers that were drawn, by seed."""
-    import pandas as pd
-
-    blocks = {tuple(record["seeds"]): record["drawn"] for record in records if record.get("drawn")}
-    frames = [pd.DataFrame(drawn, index=range(*seeds)) for seeds, drawn in sorted(blocks.items())]
-    every = pd.concat(frames) if frames else pd.DataFrame()
-    return every[~every.index.duplicated()]
 
 
 # -- errors and times
@@ -345,14 +287,14 @@ def times_to(ladders: Mapping[str, Mapping[int, list[Row]]], names: Sequence[str
 
 def profile_rows(
     records: Sequence[Row], ladders: Mapping[str, Mapping[int, list[Row]]], known: Mapping[int, Row]
-) -> tuple[list[Row], list[Row]]:
-    """Performance profiles with their bands, and how often each method was the first; over common scenarios."""
+) -> list[Row]:
+    """Performance profiles with their bands, over common scenarios; at tau = 1 how often each method was the first."""
     names = sorted(ladders)
     if not names:
-        return [], []
+        return []
     common = sorted(set.intersection(*(set(ladders[name]) for name in names)))
     share_s = next(r["share_s"] for r in records if r["part"] == "timings")
-    profiles, firsts = [], []
+    profiles = []
     for measure, target in TARGETS:
         seeds = usable(known, measure, target, common)
         times = times_to(ladders, names, seeds, measure, target)
@@ -364,10 +306,4 @@ def profile_rows(
                 what | {"tau": tau, "share": middle[j, k], "low": low[j, k], "high": high[j, k]} | counts
                 for k, tau in enumerate(TAUS)
             ]
-            won = round(middle[j, 0] * len(seeds)) if seeds else 0
-            bounds = wilson(won, len(seeds))
-            firsts.append(
-                what | counts | {"first": won, "reached": int(np.isfinite(times[:, j]).sum())}
-                | {"share": middle[j, 0], "low": bounds[0], "high": bounds[1]}
-            )  # fmt: skip
-    return profiles, firsts
+    return profiles

@@ -145,7 +145,7 @@ def tabulate(records: Sequence[Row]) -> Tables:
         fits.append(
             {"integrator": name, "family": kind, "dt": dt, "smallest": rows[0]["numbers"]}
             | {"largest": rows[-1]["numbers"]}
-            | {to: exponent([(r["numbers"], r[of]) for r in rows], least=0.0) for of, to in GROWING.items()}
+            | {to: exponent([(r["numbers"], r[of]) for r in rows]) for of, to in GROWING.items()}
         )
     return {"size": table, "size_exponents": pd.DataFrame(fits)}
 

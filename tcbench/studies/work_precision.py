@@ -29,7 +29,7 @@ from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .columns import shared
 from .convergence import groups, relative_error
-from .cost import BOUGHT, COST, HIDES, TARGETS, TO_ACCURACY, bought, cost_rows, reached_error, time_to_accuracy
+from .cost import BOUGHT, HIDES, TARGETS, TO_ACCURACY, bought, reached_error, time_to_accuracy
 from .frames import spread, table_of
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
@@ -46,8 +46,6 @@ ROUND_OFF = 3  # rungs without a better energy error, after which it is taken to
 PRODUCED = "error_entropy_produced"
 LEAST_PRODUCED = 1e-6  # of entropy, over its size, below which nothing is said of its error
 PEERS = {"scipy": "scipy", "peer": "other"}  # tag -> what the tables call it; the first that fits
-HORIZONS = (0.125, 0.25, 0.5, 1.0)  # of the run whose cost is measured against its length
-OWN = TOLERANCES[5]  # at which that is done
 LAWS = "laws"  # the part that is not timed
 WARM = 1e-3  # part of the horizon of a run that only loads and compiles
 WORK = Table(
@@ -85,7 +83,7 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
-    """The rungs of one method on one scenario, coarse to fine, and the cost of its middle rung against the horizon."""
+    """The rungs of one method on one scenario, coarse to fine."""
     from ..reference.lookup import reference_for
 
     t_end = horizon(scenario)
@@ -123,7 +121,6 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         "reference_floor": float(reference.floor[0]),
         "peer": next((kind for tag, kind in PEERS.items() if tag in integrator.tags), ""),
         "points": points,
-        "horizons": _horizons(integrator, scenario, points),
     }
 
 
@@ -183,16 +180,14 @@ def _fixed(integrator: Integrator, scenario: Scenario, dt: float) -> Callable[[b
     return run
 
 
-def _adaptive(
-    integrator: Integrator, scenario: Scenario, tolerance: float, invariants: bool = True
-) -> Callable[[bool], tuple[Row, float]]:
+def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> Callable[[bool], tuple[Row, float]]:
     """The first run, which takes no time, gives the invariants at 200 times; the others go straight to the end."""
     ends, z0, model = np.array([0.0, scenario.t_end]), scenario.z0, scenario.model
     start = WARM * ends
     seen: Row = {"status": "ok", "failure": "", "energy_error_max": 0.0}
 
     def run(first: bool) -> tuple[Row, float]:
-        if first and invariants:
+        if first:
             known = shared_runs.found()
             result = simulate(integrator, scenario, tolerance=tolerance)
             work = shared_runs.work_s()
@@ -259,31 +254,8 @@ def produced_error(scenario: Scenario, state: Any, exact: Any) -> float:
     return abs(found - right) / made if made > least else math.nan
 
 
-def _horizons(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) -> list[Row]:
-    """Time of runs over parts of the horizon: at the scenario's own step, or at a tolerance of 1e-6 (of which the whole
-    is a rung)."""
-    rows: list[Row] = []
-    for part in HORIZONS:
-        shorter = scenario.replace(t_end=part * scenario.t_end)
-        if integrator.kind == "adaptive":
-            rung = next((p for p in points if p["value"] == OWN and p["repeats"]), None)
-            if part == 1.0 and rung and rung["wall_time_median_s"] <= SLOW_S:
-                rows.append({"t": shorter.t_end, "seconds": rung["wall_time_min_s"]})
-                break
-            if rows and rows[-1]["seconds"] > SLOW_S / 2:
-                break  # twice as long a run would be left out
-            run = _adaptive(integrator, shorter, OWN, invariants=False)
-        else:
-            run = _fixed(integrator, shorter, min(scenario.dt, HORIZONS[0] * scenario.t_end))
-        timing = timed(run, SPENT_S / 2, warm=True)
-        if timing.row["status"] != "ok" or timing.work > SLOW_S:
-            break
-        rows.append({"t": shorter.t_end, "seconds": min(timing.seconds)})
-    return rows
-
-
 def tabulate(records: Sequence[Row]) -> Tables:
-    """`work_precision`: a row a rung; `time_to_accuracy` and `cost`: see cost.py. A failed cell keeps one row."""
+    """`work_precision`: a row a rung; the others: see cost.py. A failed cell keeps one row."""
     import pandas as pd
 
     records = [record for record in records if "part" not in record]
@@ -291,12 +263,11 @@ def tabulate(records: Sequence[Row]) -> Tables:
         return {}
     rows = [
         row | ({"tolerance": row["value"]} if row.get("control") == "rtol" and "value" in row else {})
-        for row in spread(records, "points", "horizons", "dt", failed=lambda record: {})
+        for row in spread(records, "points", "dt", failed=lambda record: {})
     ]
     return {
         "work_precision": table_of(rows, WORK),
         "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
-        "cost": pd.DataFrame(cost_rows(records)),
         "bought": table_of(bought(records), BOUGHT),
     }
 
@@ -304,8 +275,8 @@ def tabulate(records: Sequence[Row]) -> Tables:
 STUDY = Study(
     name="work_precision",
     place=60,
-    description="error against time on ladders of steps and tolerances, and how the time grows with the work",
-    tables=(WORK, TO_ACCURACY, COST, BOUGHT),
+    description="error against time on ladders of steps and tolerances, and what each of them buys",
+    tables=(WORK, TO_ACCURACY, BOUGHT),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

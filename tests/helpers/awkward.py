@@ -210,7 +210,6 @@ def everything(methods, scenarios=SCENARIOS, **settings):
         "convergence_points": points,
         "work_precision": work_precision(methods, scenarios),
         "time_to_accuracy": time_to_accuracy(methods, scenarios),
-        "cost": cost(methods, scenarios),
         "stability": stability(methods, scenarios),
         "stability_points": stability_points(methods, scenarios),
         "blowup_sensitivity": sensitivity(methods, scenarios),
@@ -237,11 +236,6 @@ def time_to_accuracy(methods, scenarios=SCENARIOS):
                  "ratio_to_best_scipy": np.nan}
                 for m, t in times.items()
             ]  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-def cost(methods, scenarios=SCENARIOS):
-    rows = [{"integrator": m, "scenario": s, "us_per_step": 0.5 + i} for s in scenarios for i, m in enumerate(methods)]
     return pd.DataFrame(rows)
 
 

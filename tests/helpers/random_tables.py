@@ -22,7 +22,7 @@ def random_tables(seed):
     peers = set(methods[-3:]) if len(methods) > 6 else set()
     good = {m for m in methods if random.random() < 0.3}
     narrow = set(methods[::3])  # of even seeds: methods that do not run everywhere
-    conservation, work, times, cost, stable = [], [], [], [], []
+    conservation, work, times, stable = [], [], [], []
     for s in scenarios:
         has_momentum = random.random() < 0.7
         for m in methods:
@@ -40,12 +40,10 @@ def random_tables(seed):
                     "status": "ok" if random.random() < 0.95 else "nonconverged",
                     "error_theta": random.choice([10.0 ** random.uniform(-5, 0), math.nan], p=[0.9, 0.1]),
                     "error_entropy_produced": other.choice([10.0 ** other.uniform(-5, 0), math.nan], p=[0.9, 0.1]),
+                    "steps": 80, "wall_time_min_s": other.choice([other.uniform(1e-5, 1e-3), math.nan]),
                     "inner_steps_mean": 1.0 + 4.25 * (m not in peers and int(m[1:]) % 3 == 0),
                     "reference_floor": 1e-12, "peer": "scipy" if m == methods[-1] else "other" if m in peers else "",
                 })  # fmt: skip
-            cost.append(
-                {"integrator": m, "scenario": s, "us_per_step": random.choice([random.uniform(0.1, 9), math.nan])}
-            )
             kind = random.choice(["none", "physical", "solver"])
             if m not in peers:
                 stable.append({
@@ -78,6 +76,6 @@ def random_tables(seed):
     for row in random.choice(shares, 2):  # a tolerance for which there was no time
         row |= {"runs": 0, "failed": 0}
     shares = [row | {"share": row["failed"] / row["runs"] if row["runs"] else math.nan} for row in shares]
-    made = {"conservation": conservation, "work_precision": work, "time_to_accuracy": times, "cost": cost}
+    made = {"conservation": conservation, "work_precision": work, "time_to_accuracy": times}
     made |= {"stability": stable, "failure_share": shares}
     return {name: pd.DataFrame(rows) for name, rows in made.items() if rows}

@@ -1,4 +1,4 @@
-"""What terminal, summary.csv and page say of a run: of small tables whose answer is seen at once, and random ones."""
+"""What terminal and page say of a run: of small tables whose answer is seen at once, and random ones."""
 
 import math
 import re
@@ -16,8 +16,6 @@ from tcbench.commands import terminal
 from tcbench.report import marks, overview, page_data, words
 from tcbench.report.by_method import by_method, claims, lost, remarks
 from tcbench.report.pairs import laws, pairs, times_over_best
-from tcbench.report.summary import claims_kept, summary
-from tcbench.runner.declared import method_facts
 from tcbench.studies.cost import reach
 from tcbench.studies.work_precision import tabulate
 
@@ -111,8 +109,6 @@ def test_rows_stand_in_the_order_that_the_numbers_say_for_steps_too():
     ])  # fmt: skip
     found = pairs({"stability": table}, {})
     assert page_data.order(found, "step") == ["free", "long", "short", "never"]
-    column = summary(found, {}).set_index("integrator")["max stable step"]
-    assert column["free"].tolist() == ["above 4"] * 2 and column["never"].tolist() == ["none found (physical)"] * 2
 
 
 def test_a_method_that_lost_a_law_is_not_among_the_consistent():
@@ -159,16 +155,12 @@ def test_a_name_cannot_turn_or_flood_a_sentence():
 
 
 def test_no_study_no_sentence_and_no_number():
-    """A run of a plugin's studies alone: summary.csv ended in an exception of pandas."""
     whole = random_tables(3)
     for absent, title in (("time_to_accuracy", "An accurate trajectory"), ("conservation", "The laws at any step")):
         assert title not in answers({name: table for name, table in whole.items() if name != absent})
     tables = {"other": pd.DataFrame({"integrator": ["a"], "scenario": ["s"]})}
-    (row,) = summary(pairs(tables, {}), {}).to_dict("records")
-    assert row["claims kept"] == row["order"] == row["failures"] == "-" and by_method(tables, {}) == [["method"], ["a"]]
-    assert answers(tables) == {}
-    table = summary(pairs(awkward.ensemble(awkward.FIVE), {}), {})
-    assert table.empty and table.to_csv(index=False).startswith("scenario,integrator,claims kept,")
+    assert by_method(tables, {}) == [["method"], ["a"]] and answers(tables) == {}
+    assert pairs(awkward.ensemble(awkward.FIVE), {}).empty
 
 
 def test_laws_count_the_runs_that_could_keep_them():
@@ -222,33 +214,6 @@ def test_claims_count_where_they_were_measured(laws, text):
     assert claims(laws) == text
 
 
-@pytest.mark.parametrize(
-    ("change", "claimed", "said"),
-    [
-        ({}, None, ("3 of 3", 0)),
-        ({"energy_error_max": 1e-3}, None, ("2 of 3, not energy", 1)),
-        ({"energy_error_max": math.inf}, ["energy"], ("0 of 1, not energy", 1)),  # it was left out, and kept
-        ({"energy_error_max": NAN}, ["energy"], ("0 of 0, 1 not measured", 0)),
-        ({"steps": 0, "status": "exception"}, None, ("no step done", 0)),
-        # momenta are all that a system declares, however it calls them
-        ({"angular_momentum_error_max": NAN, "px_error_max": 0.1}, ["angular_momentum"], ("0 of 1, not px", 1)),
-    ],
-)
-def test_a_claim_is_kept_where_every_run_that_measured_it_kept_it(change, claimed, said):
-    table = awkward.conservation(["tc_monolithic"], ["s"]).assign(second_law_violations=0).assign(**change)
-    (row,) = pairs({"conservation": table}, {}).to_dict("records")
-    assert claims_kept(row, claimed or ["energy", "entropy", "angular_momentum"]) == said
-
-
-def test_summary_says_what_was_measured():
-    methods = {name: method_facts(method) for name, method in tcbench.integrators().items()}
-    table = summary(pairs(awkward.everything(awkward.FIVE), {}), methods).set_index(["scenario", "integrator"])
-    good = table.loc[("short_term", "tc_monolithic")]
-    assert good["claims kept"] == "3 of 3" and good["order"] == "2.00"
-    assert good["max stable step"] == "above 12" and good["failures"] == "0 of 5"
-    assert table.loc[("short_term", "midpoint_temperature")]["failures"] == "3 of 5"
-
-
 def point(error, seconds, **more):
     errors = {f"error_{name}": error for name in ("q", "p", "s", "theta")}
     return {"status": "ok", "error": error, "wall_time_min_s": seconds, "reference_limited": False} | errors | more
@@ -259,10 +224,10 @@ def point(error, seconds, **more):
 )
 def test_the_time_to_an_accuracy_is_one_number_everywhere(last):
     points = [point(1e-3, 1e-3), point(1e-5, 2e-3), last]
-    tables = tabulate([{"integrator": "a", "scenario": "s", "peer": "", "points": points, "horizons": []}])
+    tables = tabulate([{"integrator": "a", "scenario": "s", "peer": "", "points": points}])
     line = tables["time_to_accuracy"].set_index(["measure", "target"]).loc[("error", 1e-6), "time_s"]
     assert reach(tables["work_precision"].to_dict("records"), "error", 1e-6) == pytest.approx(line, rel=1e-12)
-    assert summary(pairs(tables, {}), {})["time to 1e-6"].tolist() == [f"{1e3 * line:.3g} ms"]
+    assert pairs(tables, {})["time 1e-06"].tolist() == [line]
 
 
 def test_sixty_methods_fold_and_lines_fit(capsys):

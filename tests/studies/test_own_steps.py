@@ -1,4 +1,4 @@
-"""The largest step of methods that are given by a step function, and the loosest tolerance of adaptive ones."""
+"""The largest step of methods that are given by a step function."""
 
 import math
 
@@ -46,21 +46,3 @@ def test_a_function_that_gives_up_is_a_limit_of_its_solver_and_one_that_never_do
     assert row["limit"] == "solver" and row["dt_stable"] <= 0.3 < row["dt_unstable"] and "no root" in row["cause"]
     still, _ = S.maximum_own_step(Integrator(name="still", order=1, step=lambda z, h, s: np.array(z)), SCENARIO)
     assert still["limit"] == "none" and still["dt_stable"] == still["dt_cap"] and math.isnan(still["dt_unstable"])
-
-
-def test_the_loosest_tolerance_holds_and_the_next_does_not():
-    row = S.loosest_tolerance(tcbench.integrators()["scipy_odeint"], SCENARIO)
-    good, bad = row["tolerance_stable"], row["tolerance_unstable"]
-    assert good == pytest.approx(bad / 10**0.5) or math.isnan(bad)
-    assert S.outcome_of(tcbench.simulate("scipy_odeint", SCENARIO, tolerance=good)).ok
-    if not math.isnan(bad):
-        assert not S.outcome_of(tcbench.simulate("scipy_odeint", SCENARIO, tolerance=bad)).ok and row["cause"]
-
-
-def test_a_solver_that_never_holds_has_none():
-    def broken(system, z0, times, rtol, atol):
-        raise ArithmeticError("never")
-
-    row = S.loosest_tolerance(Integrator(name="broken", adaptive=broken), SCENARIO)
-    assert math.isnan(row["tolerance_stable"]) and row["limit"] == "solver" and "never" in row["cause"]
-    assert row["tolerance_unstable"] == S.TOLERANCES[-1]

@@ -1,0 +1,31 @@
+"""Which laws a method claims, and what one run says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..studies.columns import ERROR_MAX, claim_column
+from .pairs import is_kept
+from .words import is_finite
+
+MOMENTA = "angular_momentum"
+
+
+def is_claimed(law: str, claims: Any) -> bool:
+    """Is it among the claims? Who claims momenta claims every invariant, however a system calls it."""
+    return law in claims or (MOMENTA in claims and law not in ("energy", "entropy"))
+
+
+def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
+    """Column -> what a run says of the law that it measures: claimed or not, kept or not; "" for every other column."""
+    laws = {claim_column(claim): claim for claim in ("energy", "entropy", *method.claims)}
+    laws = {str(name): str(name).removesuffix(ERROR_MAX) for name in row if str(name).endswith(ERROR_MAX)} | laws
+    found = {}
+    for column, law in laws.items():
+        if is_finite(row.get(column)) and row.get("steps", 1) > 0:
+            within = law == "energy" and float(row[column]) <= float(row.get("energy_round_off") or 0.0)
+            holds = within or is_kept(law, float(row[column]))
+            claimed = "claimed" if is_claimed(law, method.claims) else "not claimed"
+            found[column] = f"{claimed}, {'kept' if holds else 'not kept'}"
+    return found
