@@ -41,6 +41,12 @@ draw map map --size 8x4.4
 run=results/gallery-size
 tcbench run --study size -i tc_monolithic -i tc_strang --quiet -o "$run"
 draw size size --size 9x4.6
+run=results/gallery-tolerance
+tcbench run --study tolerance -s gas_containers -i tc_monolithic -i tc_auto -i scipy_odeint -i solve_ivp_radau -i gauss2 -i variational \
+    --quiet -o "$run"
+draw tolerance tolerance -s gas_containers
+tcbench run --study reachable_range -s short_term -i tc_monolithic -i gauss2 -i variational --quiet -o "$run"
+draw reachable_range reachable-range -s short_term
 run=results/gallery-failures
 draw failure_map failure-map --size 7.5x3.2
 tcbench animate midpoint_entropy tc_monolithic stiff_spring --dt 0.15 --t-end 6 --frames 60 --fps 15 -o "$out/blowup.gif"

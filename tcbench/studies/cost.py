@@ -1,4 +1,4 @@
-"""From the rungs of the work_precision study: the time to an accuracy, and what a step or a tolerance buys."""
+"""From the rungs of the work_precision study: the time to an accuracy."""
 
 from __future__ import annotations
 
@@ -25,51 +25,6 @@ TO_ACCURACY = Table(
     derived=True,
     terminal=("integrator", "measure", "target", "time_s", "ratio_to_best_peer", "ratio_to_best_scipy"),
 )  # fmt: skip
-BOUGHT = Table(
-    "bought",
-    (
-        "integrator", "scenario",
-        Column("dt_1_percent", "largest step for an error of 1 %", "h of 1 %", worse="lower", optional=True),
-        Column("steps_1_percent", "steps to an error of 1 %", "steps of 1 %", worse="higher", optional=True),
-        Column("over_*", "error of the state over a tolerance of *", worse="higher", optional=True),
-    ),
-    derived=True,
-)  # fmt: skip
-ONE_PERCENT, TOLERANCES_BOUGHT = 0.01, (1e-3, 1e-6, 1e-9)
-
-
-def bought(records: Sequence[Row]) -> list[Row]:
-    """One row for each method and scenario: the largest step (dimensionless) from which on every finer rung has an
-    error of the state of at most 1 %, and its steps; of a solver with a tolerance its error over three of them (1: it
-    is what was asked for; NaN where the run failed, or the reference hides it)."""
-    rows = []
-    for r in sorted(records, key=lambda r: (r["scenario"], r["integrator"])):
-        row = {"integrator": r["integrator"], "scenario": r["scenario"]}
-        points = [{FLOOR: r.get(FLOOR)} | p for p in r.get("points") or []]  # coarse to fine
-        if r.get("control") == "rtol":
-            known = {p["value"]: p.get("error") for p in points if p.get("status") == "ok"}
-            near = {t: next((_number(e) for v, e in known.items() if math.isclose(v, t)), math.nan)
-                    for t in TOLERANCES_BOUGHT}  # fmt: skip
-            row |= {f"over_{t:.0e}".replace("-0", "-"): e / t for t, e in near.items()}
-        elif points and r.get("control") == "dt":
-            row |= _one_percent(points)
-        rows.append(row)
-    return rows
-
-
-def _one_percent(points: Sequence[Row]) -> Row:
-    errors = [reached_error(p, "error") for p in points]
-    good = len(points)
-    while good and errors[good - 1] <= ONE_PERCENT:
-        good -= 1
-    if good == len(points):  # not even the finest
-        return {"dt_1_percent": math.nan, "steps_1_percent": math.nan}
-    row = {"dt_1_percent": float(points[good]["value"]), "steps_1_percent": _number(points[good].get("steps"))}
-    if good and math.isfinite(errors[good - 1]) and errors[good] > 0:  # between two rungs
-        share = math.log(ONE_PERCENT / errors[good]) / math.log(errors[good - 1] / errors[good])
-        longer = (points[good - 1]["value"] / points[good]["value"]) ** share
-        row = {"dt_1_percent": row["dt_1_percent"] * longer, "steps_1_percent": row["steps_1_percent"] / longer}
-    return row
 
 
 def time_to_accuracy(records: Sequence[Row]) -> list[Row]:

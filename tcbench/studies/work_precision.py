@@ -29,7 +29,7 @@ from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .columns import shared
 from .convergence import groups, relative_error
-from .cost import BOUGHT, HIDES, TARGETS, TO_ACCURACY, bought, reached_error, time_to_accuracy
+from .cost import HIDES, TARGETS, TO_ACCURACY, reached_error, time_to_accuracy
 from .frames import spread, table_of
 
 TOLERANCES = tuple(10.0**-k for k in range(1, 13))
@@ -268,15 +268,14 @@ def tabulate(records: Sequence[Row]) -> Tables:
     return {
         "work_precision": table_of(rows, WORK),
         "time_to_accuracy": pd.DataFrame(time_to_accuracy(records)),
-        "bought": table_of(bought(records), BOUGHT),
     }
 
 
 STUDY = Study(
     name="work_precision",
     place=60,
-    description="error against time on ladders of steps and tolerances, and what each of them buys",
-    tables=(WORK, TO_ACCURACY, BOUGHT),
+    description="error against time on ladders of steps and tolerances",
+    tables=(WORK, TO_ACCURACY),
     plan=plan,
     measure=measure,
     tabulate=tabulate,

@@ -9,7 +9,7 @@ import tcbench
 from tcbench import Integrator
 from tcbench.analysis import timing
 from tcbench.studies import work_precision as study
-from tcbench.studies.cost import bought, exponent, reach, time_to_accuracy
+from tcbench.studies.cost import exponent, reach, time_to_accuracy
 
 SCENARIO = tcbench.scenarios()["short_term"].replace(t_end=1.0)
 
@@ -114,28 +114,6 @@ def test_time_to_an_accuracy_is_interpolated_in_logarithms():
     assert reach(points, "error", 1e-2) == 1.0 and reach(points, "error", 1e-9) == 1000.0
     assert math.isnan(reach(points[:2], "error", 1e-9)) and math.isnan(reach([], "error", 1e-3))
     assert math.isnan(reach([{"status": "blowup", "error": 0.0, "wall_time_min_s": 1.0}], "error", 1.0))
-
-
-def test_what_a_step_and_a_tolerance_buy():
-    """Errors meet 1 % between two rungs; a larger step that happens to be right is none."""
-    errors = {0.8: 0.005, 0.4: 0.16, 0.2: 0.04, 0.1: 0.01 / 4, 0.05: 0.01 / 16}
-    rungs = [point(e, 1.0) | {"value": h, "steps": round(8 / h)} for h, e in errors.items()]
-    of_tolerances = [
-        point(4e-3, 1.0) | {"value": 1e-3},
-        point(7e-6, 1.0) | {"value": 1e-6},
-        {"value": 1e-9, "status": "blowup"},
-    ]
-    base = {"scenario": "s"}
-    mine, never, theirs = bought([
-        base | {"integrator": "a", "control": "dt", "points": rungs},
-        base | {"integrator": "b", "control": "dt", "points": rungs[1:3]},
-        base | {"integrator": "c", "control": "rtol", "points": of_tolerances},
-    ])  # fmt: skip
-    assert mine["dt_1_percent"] == pytest.approx(0.1 * 2**0.5)  # 0.0025 and 0.04 at 0.1 and 0.2
-    assert mine["steps_1_percent"] * mine["dt_1_percent"] == pytest.approx(8)
-    assert math.isnan(never["dt_1_percent"])
-    assert theirs["over_1e-3"] == pytest.approx(4) and theirs["over_1e-6"] == pytest.approx(7)
-    assert math.isnan(theirs["over_1e-9"])
 
 
 def test_ratios_are_to_the_best_peer_and_to_the_best_of_scipy():

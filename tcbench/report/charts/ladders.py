@@ -63,6 +63,13 @@ def _losses(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -
 
 
 @chart
+def reachable_range(table: DataFrame) -> Sheet:
+    """How far a run leaves the exact range against its step, for one scenario; and the error of its temperatures."""
+    shown = [(c, _losses(table, by_name(table), "dt", c)) for c in ("range_left", "error_theta") if c in table]
+    return Sheet([replace(panel, y_scale="linear", errors=False) if c == "range_left" else panel for c, panel in shown])
+
+
+@chart
 def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Sheet:
     """Blow-up time against step size, for one scenario.
 
@@ -177,6 +184,8 @@ class _Ends:
 CHARTS = (
     Chart("conservation", "Largest losses of a run against its step size.", ("conservation",), conservation,
           options=("x", "y"), study="conservation"),
+    Chart("reachable-range", "How far temperatures and positive quantities leave their exact range, against the step.",
+          ("reachable_range",), reachable_range, study="reachable_range"),
     Chart("stable-step", "Largest stable step, by kind of limit.", ("stability",), stable_step, ("stability_points",),
           by_scenario=False, study="stability"),
     Chart("blowup", "Time at which a run failed, against its step size.", ("stability_points",), blowup,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,6 +59,22 @@ def _errors(table: DataFrame) -> list[str]:
 
 
 @chart
+def tolerance(table: DataFrame) -> Sheet:
+    """The error of the state against the tolerance for one scenario, and on a line of its own what was asked for; then
+    against the step, of methods that have one."""
+    panels = []
+    for control, title in (("rtol", "solvers with a tolerance; black: what was asked for"), ("dt", "fixed steps")):
+        part = table[table["control"].astype(str) == control].reset_index(drop=True)
+        if len(part):
+            panel = _cloud(part, by_name(part), "value", "error")
+            ends = np.array([part["value"].min(), part["value"].max()])
+            asked = [Series("what is asked for", ends, ends, marks="", plain=True)] if control == "rtol" else []
+            label = "tolerance" if control == "rtol" else column_named("dt").label
+            panels.append(replace(panel, series=[*asked, *panel.series], x=label, title=title))
+    return Sheet(panels or [Panel((), "tolerance", column_named("error").label, note="no run has an error")])
+
+
+@chart
 def convergence(points: DataFrame, fits: DataFrame | None = None) -> Sheet:
     """Error against step size for one scenario, one panel a variable, with the fitted slopes.
 
@@ -101,6 +118,8 @@ def _fitted_line(points: Series, order: float) -> Series:
 CHARTS = (
     Chart("work-precision", "Error against cost; one panel an error.", ("work_precision",), work_precision,
           options=("x", "y"), study="work_precision"),
+    Chart("tolerance", "What a tolerance buys, and a step: the error of the state against each.", ("tolerance",),
+          tolerance, study="tolerance"),
     Chart("convergence", "Error against step size; the number at a line's end is its fitted order.",
           ("convergence_points",), convergence, ("convergence",), picks="variable", study="convergence"),
 )  # fmt: skip
