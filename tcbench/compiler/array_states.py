@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .array_symbols import ArraySymbol, boxed, space_of
+from .array_symbols import ArraySymbol, space_of
 from .array_symbols import Blocks as Blocks
 from .array_tensors import parts_of
+from .choices import boxed
 from .sentences import refused
 from .symbols import TAKE, array, lifted
 

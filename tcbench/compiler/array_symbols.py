@@ -14,6 +14,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from .array_tensors import TENSORS, matmul, parts_of, rearranged
 from .arrays import Map, Path, collect, count, join, part, take, total
+from .choices import boxed
 from .derivatives import maximum, minimum
 from .kinks import KINKED, kinked
 from .sentences import refused
@@ -158,14 +159,6 @@ class Rows(tuple[Any, ...]):
     def __getitem__(self, key: Any) -> Any:
         found = super().__getitem__(key)
         return Rows(found) if isinstance(key, slice) else found
-
-
-def boxed(values: Any) -> Any:
-    if isinstance(values, np.ndarray):
-        return values
-    box = np.empty((), dtype=object)
-    box[()] = values
-    return box
 
 
 def _inner_axis(axis: Any, ndim: int) -> int:

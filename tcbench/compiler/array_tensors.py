@@ -232,18 +232,19 @@ class SymbolArray(np.ndarray):
             found = _most(ufunc, given[0], options.get("axis", 0))
         else:
             found = getattr(ufunc, method)(*given, **options)
-        return into[0] if into is not None else _symbols(found)
+        return into[0] if into is not None else symbols(found)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        own = MATRICES.get(function)
-        return _symbols(own(*args, **kwargs) if own else super().__array_function__(function, types, args, kwargs))
+        own, types = MATRICES.get(function), [t for t in types if issubclass(t, np.ndarray)]
+        return symbols(own(*args, **kwargs) if own else super().__array_function__(function, types, args, kwargs))
 
 
 def _plain(x: Any) -> Any:
     return x.view(np.ndarray) if isinstance(x, SymbolArray) else x
 
 
-def _symbols(x: Any) -> Any:
+def symbols(x: Any) -> Any:
+    """An array of symbols as one on which numpy's functions choose; anything else as it is."""
     return x.view(SymbolArray) if type(x) is np.ndarray and x.dtype == object else x
 
 

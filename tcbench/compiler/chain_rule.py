@@ -100,9 +100,6 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         return (jump, ZERO) if first else (ZERO, jump)
     if op == "recip":
         return (-(value * reciprocal(x.end)),)
-    if op == "hypot":
-        scale = reciprocal(value + x.end.hypot(edges[1].end))
-        return 2.0 * x.middle * scale, 2.0 * edges[1].middle * scale
     if op == "pow":  # exp(exponent log(base)), or of what may be 0 a root and a whole power
         y = edges[1]
         power = y.value.value if is_const(y.value) else math.inf
@@ -113,6 +110,11 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         by_base, by_exponent = y.middle * of_log, log.middle
         outer = value * ONE.make("phi", by_base * x.step + by_exponent * y.step)
         return outer * by_base, outer * by_exponent
+    rule = ops.OPERATIONS[op].difference if op in ops.OPERATIONS else None
+    if len(edges) == 2 and callable(rule):
+        y = edges[1]
+        by_both: tuple[Symbol, Symbol] = rule(x.value, x.end, x.step, y.value, y.end, y.step)
+        return by_both
     if op == "sqrt" and any(is_const(a, ops.TINY) for a in node.args[0].args):  # of a power above 1, see `power`
         return (rectangle(x.value, x.step, ZERO, ZERO)[0].root().pi_at_s0,)
     return (_of_function(op, x),)

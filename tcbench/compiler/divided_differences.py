@@ -14,7 +14,9 @@ from functools import partial, reduce
 from typing import Any
 
 from . import ops
+from .choices import Choosing
 from .derivatives import Symbol, const, lifted, refused
+from .kinks import sign, slope_of_sign
 from .ops import TINY
 
 ZERO = const(0.0)
@@ -30,7 +32,7 @@ Rule = Callable[[Symbol, Symbol, Symbol, Symbol], Symbol]
 
 
 @dataclass(frozen=True, eq=False)
-class Corners:
+class Corners(Choosing):
     """A function of (pi, s) on a rectangle: value at (0, 0) and slopes along the edges."""
 
     value: Symbol
@@ -168,21 +170,30 @@ class Corners:
     def __abs__(self) -> Corners:
         return self._function(ops.OPERATIONS["abs"])
 
+    def sign(self) -> Corners:
+        return self._apply(sign(self.value), lambda a, b, slope, _: slope * slope_of_sign(a, b))
+
     def _function(self, row: ops.Operation, *others: Any) -> Corners:
         """By the operation's own rule, or by that of the formula it is the same as, with the digits of its value."""
         x = [self, *map(self.lifted, others)]
         value = Symbol.make(row.name, *(each.value for each in x))
         rule = row.difference
+        if callable(rule) and others:
+            slopes = []
+            for (a, b, slope, step), (a2, b2, slope2, _) in zip(self.edges, x[1].edges, strict=True):
+                by, by2 = rule(a, b, step * slope, a2, b2, step * slope2)
+                slopes.append(by * slope + by2 * slope2)
+            return self._with(value, slopes)
         if callable(rule):
             return self._apply(value, lambda a, b, slope, step: slope * rule(a, b, step * slope))
         same: Corners = ops.evaluated(row.same, ops.as_methods(), *x)
         return self._with(value, [slope for _, _, slope, _ in same.edges])
 
     def _no_rule(self, *_: object) -> Any:
-        raise refused("a comparison, a whole number or a float is made of what a divided difference is taken of", RULES)
+        raise refused("a branch, a whole number or a float is made of what a divided difference is taken of", RULES)
 
     __bool__ = __float__ = __int__ = __index__ = __round__ = __trunc__ = _no_rule
-    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _no_rule
+    __eq__ = __ne__ = _no_rule
     __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = _no_rule
     __hash__ = object.__hash__
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .choices import CHOICES, KINKED
 from .ops import TINY
 from .sentences import refused
 from .symbols import Symbol, add, const, is_const, make, mul, neg, reciprocal
@@ -26,6 +27,8 @@ def _symbol(x: Any) -> Any:
 def sign(x: Any) -> Any:
     """-1, 0 or 1: x/|x|, exactly."""
     x = _symbol(x)
+    if not isinstance(x, Symbol):
+        return x.sign()
     if is_const(x):
         return const(float(np.sign(x.value)))
     if x.op == "neg":
@@ -88,7 +91,7 @@ def clip(x: Any, least: Any = None, most: Any = None, **bounds: Any) -> Any:
     return x if most is None else np.minimum(x, most)
 
 
-KINKED: dict[Any, Any] = {  # of entries, in the place of numpy's
+KINKED |= {  # of entries, in the place of numpy's
     np.maximum: maximum, np.minimum: minimum, np.fmax: maximum, np.fmin: minimum, np.sign: sign,
     np.greater: greater, np.greater_equal: greater, np.less: less, np.less_equal: less,
     np.equal: _equal, np.not_equal: _equal,
@@ -96,6 +99,9 @@ KINKED: dict[Any, Any] = {  # of entries, in the place of numpy's
     np.logical_or: lambda a, b: a + b - a * b, np.bitwise_or: lambda a, b: a + b - a * b,
     np.logical_not: lambda a: 1.0 - a, np.invert: lambda a: 1.0 - a,
 }  # fmt: skip
+
+
+CHOICES |= {np.where: where, np.clip: clip}
 
 
 def kinked(ufunc: Any) -> Any:

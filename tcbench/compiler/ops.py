@@ -32,7 +32,8 @@ class Operation:
     value      : of numbers, in the restricted Python or of C; None of arithmetic.
     slopes     : (y, x, ...) -> derivatives by each argument; None: it has none.
     numpy      : the function of numpy, and the method, that formulas call; "" if they do not.
-    difference : (a, b, d) -> (f(b) - f(a))/d, d = b - a, exact at any d; COMPOSED; or None, and it is refused.
+    difference : (a, b, d) -> (f(b) - f(a))/d, d = b - a, exact at any d; COMPOSED; or None, and it is refused. Of two
+        arguments (a, b, d, a', b', d') -> slopes by both, whose products with d and d' add up to the difference.
     inverse    : y -> x.
     same       : its formula in other functions, for arithmetic that lacks it: series, complex numbers, peers.
     positive   : so many of the first arguments have to be positive for the result to be; -1: it need not be.
@@ -113,6 +114,19 @@ def _turned(rate: Rule, ratio: Rule) -> Rule:
     return lambda a, b, d: rate(0.5 * (a + b)) * ratio(0.5 * d)
 
 
+def _lengthened(a: Any, b: Any, d: Any, a2: Any, b2: Any, d2: Any) -> tuple[Any, Any]:
+    scale = 1.0 / (a.hypot(a2) + b.hypot(b2))
+    return (a + b) * scale, (a2 + b2) * scale
+
+
+def _turn(y: Any, y1: Any, dy: Any, x: Any, x1: Any, dx: Any) -> tuple[Any, Any]:
+    """The angle from (x, y) to (x1, y1) is 2 atan(c/m), c and m - r r1 being their products: less than half a turn,
+    and so across the cut, where arctan2 jumps, as if it did not."""
+    m = x.hypot(y) * x1.hypot(y1) + x * x1 + y * y1
+    scale = y.make("atan_slope", 0.0, (x * dy - y * dx) / m) / m
+    return (x + x1) * scale, -((y + y1) * scale)
+
+
 def _sinc(x: Any) -> Any:
     return x.make("sinc", x)
 
@@ -162,9 +176,9 @@ _ROWS = (
                 difference=COMPOSED, same="atan(x / sqrt((1.0 - x) * (1.0 + x)))"),
     _elementary("acos", lambda y, x: (-1.0 / ((1.0 - x) * (1.0 + x)).sqrt(),), "arccos", rooted=True,
                 difference=COMPOSED, same="2.0 * atan(sqrt((1.0 - x) / (1.0 + x)))"),
-    _elementary("atan2", _atan2_slopes, "arctan2", rooted=True, arguments=2,
+    _elementary("atan2", _atan2_slopes, "arctan2", rooted=True, arguments=2, difference=_turn,
                 same="2.0 * atan(x / (sqrt(x * x + z * z) + z))"),  # not on the cut x = 0 > z
-    _elementary("hypot", _hypot_slopes, rooted=True, arguments=2, same="sqrt(x * x + z * z)", difference=COMPOSED),
+    _elementary("hypot", _hypot_slopes, rooted=True, arguments=2, same="sqrt(x * x + z * z)", difference=_lengthened),
     _elementary("pow", _power_slopes, "power", rooted=True, arguments=2, positive=1, same="exp(z * log(x))"),
     _special("phi", lambda y, x: (x.make("dphi", x),), with_slope="dphi"),
     _special("lam", lambda y, x: (x.make("dlam", x),), with_slope="dlam"),

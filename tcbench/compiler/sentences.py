@@ -10,7 +10,8 @@ from ..errors import TraceError
 from .ops import formulas_may_call
 
 ELEMENTARY = (
-    f"Formulas must be branch-free numpy (arithmetic, **, @, {formulas_may_call()}; max(x, 0) is (abs(x) + x) / 2)"
+    f"Formulas must be branch-free numpy (arithmetic, **, @, {formulas_may_call()}, "
+    "where, maximum, minimum, clip, sign)"
 )
 _REMEDY = f"{ELEMENTARY}; of methods, not of systems, others are registered with step= (plain Python) instead of flows="
 

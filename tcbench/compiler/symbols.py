@@ -11,10 +11,7 @@ from __future__ import annotations
 
 import math
 import sys
-import threading
-import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from functools import reduce
 from numbers import Real
 from typing import Any, TypeAlias, TypeVar
@@ -24,50 +21,22 @@ from numpy.typing import NDArray
 
 from ..errors import TraceError
 from . import ops
-from .once import LOCK, uncollected
+from .choices import Choosing
+from .interned import KNOWN
+from .interned import expressions as expressions
+from .interned import in_trace as in_trace
+from .interned import tracing as tracing
 from .ops import TINY
 from .sentences import refused, where_in_user_code
 
 T = TypeVar("T")
 Other = TypeVar("Other")
 Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
-Key = tuple[str, tuple[int, ...], Any]  # of an expression: operation, numbers of its arguments, value
 
 
-class _Expressions(threading.local):
-    """Those that exist, by what they are made of: of the trace under way, or all that are alive; each thread's own."""
-
-    def __init__(self) -> None:
-        self.table: MutableMapping[Key, Symbol] = weakref.WeakValueDictionary()
-
-
-_KNOWN = _Expressions()
 MOST_FACTORS = 64  # of a power that is written as products
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
-
-
-@contextmanager
-def tracing(known: Mapping[Key, Symbol] | None = None) -> Iterator[Mapping[Key, Symbol]]:
-    """A trace of its own, which finds no expressions of others: its graph, and so the last digits of what it computes,
-    do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
-    """
-    with LOCK, uncollected():
-        before, _KNOWN.table = _KNOWN.table, dict(known or {})
-        try:
-            yield _KNOWN.table
-        finally:
-            _KNOWN.table = before
-
-
-def in_trace() -> bool:
-    """Is a trace under way?"""
-    return isinstance(_KNOWN.table, dict)
-
-
-def expressions() -> Mapping[Key, Symbol]:
-    """Those of the trace that is going on."""
-    return _KNOWN.table
 
 
 def _is_positive(op: str, args: tuple[Symbol, ...], value: Any) -> bool:
@@ -109,7 +78,7 @@ def _lifted(_: Symbol, other: Number) -> Symbol:
     return found
 
 
-class Symbol:
+class Symbol(Choosing):
     """One value of the expression graph; behaves as a number in numpy object arrays."""
 
     __slots__ = ("__weakref__", "args", "number", "op", "positive", "space", "value")
@@ -145,14 +114,14 @@ class Symbol:
         raise refused("a branch on the value of a symbol (if, while, and, max, min, ==)")
 
     def _compare(self, other: object) -> Any:
-        raise refused("a comparison of symbols")
+        raise refused("symbols are asked whether they are equal: np.where takes x > y and x < y")
 
     def _rounded(self, *_: object) -> Any:
         raise refused("a whole number made of a symbol (//, %, round)")
 
     __floordiv__ = __rfloordiv__ = __mod__ = __rmod__ = __divmod__ = __rdivmod__ = __round__ = __trunc__ = _rounded
 
-    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _compare
+    __eq__ = __ne__ = _compare
 
     def __hash__(self) -> int:
         return self.number  # unique: a dict never needs __eq__
@@ -183,7 +152,7 @@ class Symbol:
 def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: str | None = None) -> Symbol:
     """The node of this operation; space: of its value, by default that of its arguments."""
     key = (op, tuple(a.number for a in args), value)
-    table = _KNOWN.table
+    table = KNOWN.table
     node = table.get(key)
     if node is None:
         if space is None:
@@ -289,7 +258,7 @@ def sub(a: Symbol, b: Symbol) -> Symbol:
         return add(a, b.args[0])
     if a.op == "neg":
         return neg(add(a.args[0], b))
-    if a.number > b.number and ("sub", (b.number, a.number), None) in _KNOWN.table:
+    if a.number > b.number and ("sub", (b.number, a.number), None) in KNOWN.table:
         return neg(intern("sub", (b, a)))  # a - b and b - a are one node
     return intern("sub", (a, b))
 

@@ -18,6 +18,7 @@ from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import each, entries, is_array, refilled
 from ..compiler.array_symbols import ArraySymbol
+from ..compiler.array_tensors import symbols
 from ..compiler.arrays import variable
 from ..compiler.divided_differences import rectangle, symmetrised_slopes
 from ..errors import TcbenchError
@@ -77,6 +78,8 @@ class ElementSystem(ThermalVariables, System):
         if "entropies" in cls.__dict__:
             entropies = cls.__dict__["entropies"]
             cls.entropies = wraps(entropies)(lambda self, q, theta: entropies(self, q, marked_positive(theta)))  # type: ignore[method-assign]
+        for name in cls.__dict__.keys() & {"element_energy", "conduction", "shape", "entropies", "invariants"}:
+            setattr(cls, name, _on_symbols(cls.__dict__[name]))
 
     # ---- written by the author of a system -------------------------------------------------------------
 
@@ -337,6 +340,11 @@ def _mark(values: Any) -> Any:
     if np.asarray(values).dtype != object:
         return values
     return trace.array(trace.mark(trace.lifted(x)) if isinstance(x, trace.Symbol | float | int) else x for x in values)
+
+
+def _on_symbols(body: Any) -> Any:
+    """What an author writes, on arrays in which numpy's functions may choose."""
+    return wraps(body)(lambda self, *arrays: body(self, *map(symbols, arrays)))
 
 
 def _mark_like(values: Any, q: Any) -> Any:

@@ -46,7 +46,7 @@ def tcbench_integrators():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("branching", "mine.py, line 6: a comparison of symbols"),
+        ("branching", "mine.py, line 6: a branch on the value of a symbol"),
         ("silent", "returned nothing (is `return` missing?)"),
         ("nothing", "is `return` missing?"),
         ("misspelt", "'Pendulum' has no 'vectorfield' (did you mean 'vector_field'?).\n"),
