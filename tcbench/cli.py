@@ -14,7 +14,6 @@ import click
 
 from . import progress
 from .commands.cache import cache_command
-from .commands.examples import Sectioned
 from .commands.group import Group
 from .commands.options import CONFIG, LATEST, PLUGINS, QUIET, completion, many, one, output, runs
 from .studies.base import study_names
@@ -69,7 +68,7 @@ def main(ctx: click.Context) -> None:
     ctx.call_on_close(lambda: setattr(progress, "default", before))
 
 
-@main.command(cls=Sectioned)
+@main.command()
 @CONFIG
 @click.option("--all", "everything", is_flag=True, help="Every integrator, scenario and study.")
 @INTEGRATORS

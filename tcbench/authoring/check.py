@@ -20,9 +20,8 @@ from ..runner.rows import Rows
 from ..runner.scheduler import run_cells
 from ..simulation.run import simulate
 from ..studies.base import refuse_doubles
-from ..study import Study
 from ..systems.scenario import Scenario
-from . import integrator_checks, scenario_checks, study_checks
+from . import integrator_checks, scenario_checks
 from .check_line import FAIL, NONE, OK, Line, line
 
 DEADLINE = 60.0  # seconds for a run in a process of its own, from when tcbench and the plugin are loaded there
@@ -30,14 +29,15 @@ LARGE, LONGER = 2000, 10  # numbers of a state from which on compiling takes lon
 ALONE = ("runs", "step too large")  # lines that are runs in a process of their own
 OF_INTEGRATORS = ("metadata", *(name for name, _ in integrator_checks.TESTS), *ALONE, "time per step")
 OF_SCENARIOS = tuple(name for name, _ in scenario_checks.TESTS)
-OF_STUDIES = tuple(name for name, _ in study_checks.TESTS)
 DOES_NOT_RUN = Line("the rest", NONE, "not checked: the method does not run")
+RUN_SAYS = "a run of them says the rest"
 LOADED = (Line("loads", OK), Line("unique name", OK))  # the first lines of whatever has a name
 SMALL = 0.01  # a step at which every method runs
 LOOK_BELOW = "A small step must succeed: see whether the formula is consistent with dz/dt, and the scenario not stiff."
 DIED = "The process must not die: see the sentence; a segmentation fault shows no more."
 BOUND = "Bound the number of iterations and raise an exception when they run out."
 HOOKED = ("integrators", "scenarios", "metrics", "studies", "charts")
+OTHERS = {"metric": "metrics", "study": "studies", "chart": "charts"}
 STOPS = {
     "formulas": "no method can use these formulas",
     "positive": "no run goes on where a temperature or a measure is not positive",
@@ -94,7 +94,7 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
     if target in registry.scenarios or plugins.split_name(target)[0] in registry.scenario_families:
         return named([], [target], only)
     if target in registry.studies:
-        return [Subject(target, "study", study_lines(registry.studies[target], chosen))]
+        return [Subject(target, "study", iter([*LOADED, Line("the rest", NONE, RUN_SAYS)]))]
     return named([target], [], only)
 
 
@@ -106,7 +106,7 @@ def named(integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[s
 
 
 def _lines(only: Sequence[str]) -> list[str]:
-    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS, *OF_STUDIES))
+    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
     return [one for name in only for one in matching("line of tcbench check", name, known)]
 
 
@@ -135,16 +135,11 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
     scenarios = plugins.expand_scenarios(s.name for s in brings("scenarios", "scenario_families"))
     result = [Subject(m.name, "integrator", integrator_lines(m, [str(path.resolve())], only)) for m in methods]
     result += [Subject(s.name, "scenario", scenario_lines(s, only)) for s in scenarios]
-    result += [Subject(study.name, "study", study_lines(study, only)) for study in brings("studies")]
-    result += [
-        Subject(m.name, "column", (_guarded("number", study_checks.number, one) for one in [m]))
-        for m in brings("metrics")
-    ]
-    charts = [f"chart {chart.name}" for chart in brings("charts")]
-    if not result and not charts:
+    others = [f"{kind} {one.name}" for kind in ("metric", "study", "chart") for one in brings(OTHERS[kind])]
+    if not result and not others:
         remedy = f"Return it from a @hookimpl: {' or '.join(f'tcbench_{kind}' for kind in HOOKED)}."
         return found(Line("registers something", FAIL, "no hook is implemented", remedy))
-    return result or found(Line("loads", OK, f"brings {', '.join(charts)}; a run of them says the rest"))
+    return result or found(Line("loads", OK, f"brings {', '.join(others)}; {RUN_SAYS}"))
 
 
 def _loads(origin: Origin) -> Line:
@@ -242,19 +237,6 @@ def time_per_step(method: Integrator) -> Line:
         runs = [simulate(each, chosen[0], dt=0.01, t_end=count * 0.01, record_every=None) for _ in range(3)]
         times.append(min(1e6 * one.wall_time_s / max(1, one.steps) for one in runs))
     return Line("time per step", OK, f"{times[0]:.3g} us (tc_monolithic: {times[1]:.3g} us)")
-
-
-def study_lines(study: Study, only: Sequence[str] = ()) -> Iterator[Line]:
-    """Every line for one study; each needs those before it."""
-    yield from LOADED
-    charts = [chart for chart in plugins.registry().charts.values() if chart.plugin == study.plugin]
-    trial = study_checks.Trial(study, charts)
-    for name, test in study_checks.TESTS:
-        found = _guarded(name, test, trial)
-        if not only or name in only or found.verdict == FAIL:
-            yield found
-        if found.verdict == FAIL or not trial.cells:
-            return
 
 
 def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Line]:

@@ -236,7 +236,6 @@ def show_command(
             terminal.say(f"\n{sentence}")
     else:
         terminal.print_methods(by_method(tables, told(store)), remarks(tables))
-        terminal.warn(unknown_methods(tables, store))
         terminal.print_contents(tables, folder)
 
 
@@ -250,25 +249,6 @@ def told(store: Store) -> dict[str, Any]:
     return {**found, "integrators": {name: method_facts(method) for name, method in plugins.integrators().items()}}
 
 
-def unknown_methods(tables: Mapping[str, DataFrame], store: Store) -> list[str]:
-    """A sentence on methods of which neither the folder nor what is installed says what they claim."""
-    known = told(store)["integrators"]
-    names = sorted(
-        {str(name) for t in tables.values() if "integrator" in t for name in t["integrator"]}.difference(known)
-    )
-    names = [name for name in names if not _is_installed(name)]
-    return (
-        [f"Without claims, which nothing here tells: {', '.join(names)}. --plugins-dir loads files."] if names else []
-    )
-
-
-def _is_installed(name: str) -> bool:
-    try:
-        return bool(plugins.find_integrator(name))
-    except TcbenchError:
-        return False
-
-
 def report_command(folders: tuple[Path, ...], output: Path | None, as_json: bool) -> None:
     from ..report.write_report import write_report
 
@@ -278,7 +258,7 @@ def report_command(folders: tuple[Path, ...], output: Path | None, as_json: bool
     with waiting("writing report.html"):
         page = write_report(first, (store, tables), output, others)
     wrote([page], as_json)
-    terminal.warn([*dict.fromkeys(store.problems), *unknown_methods(tables, store)])
+    terminal.warn([*dict.fromkeys(store.problems)])
 
 
 def wrote(paths: Sequence[Path], as_json: bool) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
@@ -49,14 +47,3 @@ class Command(click.Command):
         if examples := EXAMPLES.get(self.name or ""):
             formatter.write_paragraph()
             formatter.write("Examples:\n" + "".join(f"  {line}\n" for line in examples))
-
-
-class Sectioned(Command):
-    """A command whose options of a cluster stand under a heading of their own."""
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        records: list[Any] = [r for p in self.get_params(ctx) if (r := p.get_help_record(ctx)) is not None]
-        cluster = [record for record in records if record[0].startswith(("--dask", "--tls"))]
-        for heading, part in (("Options", [r for r in records if r not in cluster]), ("Cluster", cluster)):
-            with formatter.section(heading):
-                formatter.write_dl(part)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import pkgutil
-import stat
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +14,7 @@ from .. import progress
 from ..errors import TcbenchError, unknown_name
 
 CONFIG_FILE = "tcbench.config"  # key of a context's notes: the file that options are from
-PIPE_S, MOST_BYTES = 10.0, 1_000_000  # for which a pipe is waited for; of a file of options
+MOST_BYTES = 1_000_000  # of a file of options
 LATEST = Path("results/latest")  # where `run` writes and whatever reads a run looks, unless told otherwise
 
 
@@ -95,29 +92,6 @@ def output(default: Path, help: str = "Folder to write to.") -> Callable[..., An
     )  # fmt: skip
 
 
-def read_some(path: Path) -> str:
-    """The text of a file or a pipe (`--config <(...)`); ValueError for what is too large or never comes."""
-    data, deadline = b"", time.monotonic() + PIPE_S
-    file = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
-    try:
-        while len(data) <= MOST_BYTES:
-            try:
-                part = os.read(file, MOST_BYTES)
-            except BlockingIOError:
-                if time.monotonic() > deadline:
-                    raise ValueError(f"nothing more has come through it for {PIPE_S:g} s") from None
-                time.sleep(0.01)
-                continue
-            data, deadline = data + part, time.monotonic() + PIPE_S
-            if not part:
-                if stat.S_ISFIFO(os.fstat(file).st_mode) and not data:
-                    raise ValueError("nobody writes to this pipe")
-                return data.decode("utf-8")
-    finally:
-        os.close(file)
-    raise ValueError(f"it is longer than {MOST_BYTES} bytes, and options are not")
-
-
 def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | None) -> None:
     """Take options from a TOML file, by the names they have on the command line, which wins over the file."""
     if path is None:
@@ -125,7 +99,11 @@ def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | Non
     import tomllib
 
     try:
-        given = tomllib.loads(read_some(path))
+        with open(path, "rb") as file:  # a pipe, too, as of `--config <(...)`
+            text = file.read(MOST_BYTES + 1)
+        if len(text) > MOST_BYTES:
+            raise ValueError(f"it is longer than {MOST_BYTES} bytes, and options are not")
+        given = tomllib.loads(text.decode("utf-8"))
     except RecursionError:
         raise TcbenchError(f"{str(path)!r} cannot be read: its brackets are nested too deeply.") from None
     except (OSError, ValueError) as error:  # ValueError: not TOML, or not text

@@ -18,7 +18,7 @@ import numpy as np
 from .files import RefusedError
 
 IMPORT_S = 120.0  # seconds: the largest packages take a few on an idle machine
-AGAIN_S = 1.0  # until the deadline is told once more to a file that swallows every exception
+AGAIN_S = 1.0  # until the deadline is told once more to a file that swallows whatever is raised
 SHARED = (json, os, builtins)  # modules whose functions no file may replace
 STANDARD, HIGH = (0, 1, 2), 700  # descriptors; from which number on copies lie, out of the reach of most
 
@@ -55,20 +55,26 @@ def _deadline() -> Iterator[None]:
     began = time.monotonic()
 
     def end(*_: Any) -> None:
-        late = time.monotonic() - began >= IMPORT_S
-        raise RefusedError(
-            f"its import did not end within {IMPORT_S:g} s. What takes long belongs into a function that is called "
-            "when it is needed" if late else "it sets an alarm, which goes off while it is imported"
-        )  # fmt: skip
+        raise _Alarm
 
     before, left = signal.signal(signal.SIGALRM, end), signal.setitimer(signal.ITIMER_REAL, IMPORT_S, AGAIN_S)
     try:
         yield
+    except _Alarm:
+        late = time.monotonic() - began >= IMPORT_S
+        raise RefusedError(
+            f"its import did not end within {IMPORT_S:g} s. What takes long belongs into a function that is called "
+            "when it is needed" if late else "it sets an alarm, which goes off while it is imported"
+        ) from None  # fmt: skip
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
         if left[0]:
             signal.setitimer(signal.ITIMER_REAL, max(1e-3, left[0] - (time.monotonic() - began)), left[1])
+
+
+class _Alarm(BaseException):
+    """The clock has gone off; no Exception, which files may catch."""
 
 
 def _copies() -> dict[int, int]:

@@ -17,7 +17,6 @@ from ..studies.base import known_tables
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from ..table import Table
-from .asv_history import history
 from .by_method import paper
 from .chart_kinds import kinds
 from .charts.scales import power_text
@@ -55,7 +54,7 @@ def write_report(
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
     tables, declared, beside = together(store, tables, others) if others else (dict(tables), store.declared(), [])
-    content = _content(store, tables | history(store.folder), declared)
+    content = _content(store, tables, declared)
     runs = [Path(name).resolve().name for name in ([folder, *others] if others else [])]
     text = templates().get_template("report.html").render(**content, beside=beside, runs=runs)
     path = page or Path(folder) / "report.html"

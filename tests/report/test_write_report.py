@@ -12,7 +12,6 @@ import pytest
 import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
-from tcbench.report.asv_history import read_history
 from tcbench.studies.base import known_tables
 
 LARGEST = 4_000_000
@@ -151,25 +150,6 @@ def test_tables_alone_are_enough(tmp_path):
     page = Page(report.write_report(folder).read_text("utf-8"))
     assert "blew up" in page.data["failures"]["midpoint_entropy"]["short_term"][2]
     assert {m["family"] for m in page.data["methods"]} == {4} and page.data["declared"]["integrators"] == {}
-
-
-def test_the_history_of_asv_is_shown_where_there_is_one(tmp_path):
-    folder = awkward.write_run(tmp_path / "run", {"conservation": awkward.conservation(awkward.FIVE)})
-    results = folder / ".asv" / "results"
-    (results / "here").mkdir(parents=True)
-    (results / "benchmarks.json").write_text("{}")
-    (results / "here" / "machine.json").write_text("{}")
-    (results / "here" / "broken.json").write_text("[")
-    for i, commit in enumerate(("aaaa1111", "bbbb2222")):
-        measured = {"step.time": [[1.5 + i, None], [["'tc'", "'mid'"]]], "step.size": [[3.0], []]}
-        data = {"commit_hash": f"{commit}00", "date": 1700000000000 + i * 10**8, "results": measured}
-        data["result_columns"] = ["result", "params"]
-        (results / "here" / f"{commit}-env.json").write_text(json.dumps(data))
-    table = read_history(results)
-    assert table["value"].tolist() == [3.0, 3.0, 1.5, 2.5] and set(table["parameters"]) == {"", "tc"}
-    text = report.write_report(folder).read_text("utf-8")
-    history = Page(text).table("history")
-    assert history["value"].tolist() == [3.0, 3.0, 1.5, 2.5] and set(history["benchmark"]) == {"step.size", "step.time"}
 
 
 def test_the_page_names_what_is_absent_and_what_the_columns_of_plugins_are(tmp_path):
