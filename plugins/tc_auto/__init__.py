@@ -92,6 +92,6 @@ def tcbench_integrators():
             claims=EXACT,
             source=SOURCE,
             adaptive=adaptive,
-            tags={"collocation", "explicit", "taylor"},
+            tags={"collocation", "constraints", "explicit", "taylor"},
         )
     ]

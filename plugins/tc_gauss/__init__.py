@@ -55,7 +55,7 @@ def tc_gauss_adaptive(k="by tolerance"):
         chosen = stages_of(rtol) if k == "by tolerance" else int(k)
         return SPARES.adaptive(system, chosen, z0, t_eval, rtol)
 
-    common = {"claims": EXACT, "source": SOURCE, "tags": {"collocation"}}
+    common = {"claims": EXACT, "source": SOURCE, "tags": {"collocation", "constraints"}}
     return Integrator(name="tc_gauss_adaptive", adaptive=adaptive, **common)
 
 

@@ -37,6 +37,7 @@ from tcbench.compiler.language import Floats, call, copy_into, rare
 from tcbench.compiler.once import once
 from tcbench.compiler.round_off import round_off
 from tcbench.solver.mending import mended, mending_kernels
+from tcbench.systems.constrained import reduced
 from tcbench.systems.system import System
 
 from . import conduction
@@ -82,6 +83,8 @@ def lists_of(parts: Sequence[Part]) -> Iterator[list[Any]]:
 def rates_of(system: Any, z: Any, parts: Sequence[Part]) -> Any:
     """Of the state at a node, with the projected gradients."""
     gradients = [system.state(refilled(z, part.gradient)) for part in parts]
+    if system.multipliers:
+        return reduced(system, z, *gradients)
     return system.reversible(z, *gradients) + system.irreversible(z, *gradients)
 
 

@@ -95,7 +95,8 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     numbers = formulas.coefficients(k)
     n_factors = numbers.pairs + 1
     by_elements = system.defines("element_energy")
-    if system.large and not (by_elements and system.n_elements <= formulas.MOST_ELEMENTS):
+    whole = system.multipliers or (by_elements and system.n_elements <= formulas.MOST_ELEMENTS)
+    if system.large and not whole:
         found = of_arrays(system, n_factors)
     else:
         pattern, found = (of_elements if by_elements else of_any_system)(system, k)

@@ -66,7 +66,7 @@ def several_steps(z, h, count, system, method):
 
 
 def tc_taylor(order="adaptive"):
-    tags = {"explicit", "taylor"}
+    tags = {"explicit", "taylor", "constraints"}
     common = {"claims": EXACT, "source": SOURCE, "tags": tags, "name": "tc_taylor", "refuses": refuses}
     if order == "adaptive":
         return Integrator(adaptive=adaptive, **common)

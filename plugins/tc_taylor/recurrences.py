@@ -17,6 +17,7 @@ from .series import ONE, STANDING, Series
 
 WHOLE, REST = -1, -2  # parts of a coefficient: see `Writer`
 AHEAD = 3  # the coefficient of the variables from which on one goes ahead
+Key = tuple[tuple[int, ...], int, str]  # a pack by its series, the coefficient, what of it
 Of = Callable[[int], str | None]
 Products = Sequence[tuple[str | None, ...]]
 PARTNERS = {"sin": ("cos", 1.0), "cos": ("sin", -1.0), "sinh": ("cosh", 1.0), "cosh": ("sinh", 1.0)}
@@ -34,7 +35,8 @@ class Writer(Gathering):
         """ahead: the variables' coefficients go ahead of the other series: see `_moved`."""
         super().__init__(first)
         self.variables, self.rate, self.packs = variables, rate, Packs(rate, variables)
-        self.names: dict[tuple[tuple[int, ...], int, str], str | None] = {}
+        self.names: dict[Key, str | None] = {}
+        self.begun: set[Key] = set()  # those of them that are there or are being written
         self.operands: dict[int, tuple[Pack, int]] = {}  # packs in which a sum stands
         self.ahead = ahead
 
@@ -65,8 +67,14 @@ class Writer(Gathering):
     def _once(self, pack: Pack, n: int, what: str, make: Callable[[], str | None]) -> str | None:
         key = (tuple(id(x) for x in pack), n, what)
         if key not in self.names:
+            self.begun.add(key)
             self.names[key] = make()
         return self.names[key]
+
+    def _is_begun(self, pack: Pack, n: int, part: int) -> bool:
+        """Is this coefficient being written? Two packs of sums may each have a sum in which one of the other stands."""
+        key = (tuple(id(x) for x in pack), n, "" if part == WHOLE else str(part))
+        return key in self.begun and key not in self.names
 
     def terms(
         self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE, through: int = 0, part: int = WHOLE
@@ -88,7 +96,7 @@ class Writer(Gathering):
             return self._term(self._log_rate(known[0], n + 1), *known, weight)
         if x.kind == "log" and known and n and part == WHOLE:
             return self._term(self._log_rate(known[0], n), *known, trace.mul(weight, trace.const(1.0 / n)))
-        if known and known[0] != of:
+        if known and known[0] != of and not self._is_begun(known[0], n, part):
             return self._term(self.value(known[0], n, part), *known, weight)
         if x.kind == "D":
             return self.terms(x.parts[0], n + 1, (), trace.mul(weight, trace.const(n + 1.0)), through)

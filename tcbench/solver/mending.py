@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
 from ..compiler.arrays import total
@@ -46,6 +47,18 @@ def laws(system: System, z: Any) -> list[Any]:
 def gradients(system: System, z: Any) -> list[Any]:
     """Of the same."""
     return [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
+
+
+def constraints(system: System, z: Any) -> list[Symbol]:
+    """What has to be 0 under constraints: they and their rates."""
+    if not system.multipliers:
+        return []
+    return entries(system.constraint_values(z), system.constraint_speeds(z))
+
+
+def constraint_slopes(system: System, z: Any) -> list[Any]:
+    """Of the same."""
+    return [system.state(refilled(z, chain_rule.gradient(f, entries(z)))) for f in constraints(system, z)]
 
 
 def shortest_move(
@@ -114,7 +127,8 @@ def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
     target, too. given: `constant_values`, then the constants of the list.
     """
-    z, told = system.unknowns("x"), trace.variables("law", INVARIANTS + 2 * len(system.invariant_names))
+    z = system.unknowns("x")
+    told = trace.variables("law", INVARIANTS + 2 * (len(system.invariant_names) + len(constraints(system, z))))
     start, *moves = _moves(system, z, told)
     constants = system.hoisted(moves, [z, told])
     mend, hold = (system.compiled([z, told], move, constants, len(entries(z))) for move in moves)
@@ -123,11 +137,14 @@ def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
 
 def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     """What the three give, a state and numbers."""
-    values, slopes = [trace.lifted(v) for v in laws(system, z)], gradients(system, z)
+    held = constraints(system, z)  # the last but the entropy, as its slope is to leave them alone
+    energy, *others, entropy = [trace.lifted(v) for v in laws(system, z)]
+    first, *further, last = gradients(system, z)
+    values, slopes = [energy, *others, *held, entropy], [first, *further, *constraint_slopes(system, z), last]
     least = system.least_of(z)
     noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) + TINY for f in values]
     start = [z, values[0], values[-1], noises[-1], noises[0]]
-    for pair in zip(values[1:-1], noises[1:-1], strict=True):
+    for pair in zip([*others, *(const(0.0) for _ in held)], noises[1:-1], strict=True):
         start += pair
     targets = [told[GIVEN_ENERGY], *told[INVARIANTS::2], told[LEAST_ENTROPY]]
     allowed = [told[ENERGY_MISS], *told[INVARIANTS + 1 :: 2], told[ENTROPY_MISS]]
@@ -139,8 +156,8 @@ def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     good = trace.guarded(good, values)  # of what is not a number the least is lost
     weights = least * least + by_variable(system, z, z)
     mend = [z + shortest_move(system, misses[:-1], slopes[:-1], weights), values[-1], good]
-    held = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
-    return [start, mend, [z + shortest_move(system, misses, slopes, weights), values[-1], held]]
+    enough = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
+    return [start, mend, [z + shortest_move(system, misses, slopes, weights), values[-1], enough]]
 
 
 @rare

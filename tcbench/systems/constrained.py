@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from .system import System
 
 MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
+MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 20 s
+REDUCED = "constraints"  # tag of methods that solve this ODE and keep the constraints as laws: see solver.mending
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
 
 
@@ -63,8 +65,15 @@ def excluded(system: System, method: Integrator) -> str:
     """Why a method cannot run under constraints, "" where it can."""
     if method.kind == "flows" and not method.memory and not any(flow.stages or flow.of_step for flow in method.flows):
         return ""
+    if REDUCED in method.tags:
+        if system.size <= MOST_LAWFUL:
+            return ""
+        return (
+            f"it writes out the ODE under the constraints and what keeps them, of up to {MOST_LAWFUL} numbers; "
+            f"{system.name} has {system.size}: take tc_monolithic"
+        )
     if method.kind == "adaptive" and "peer" in method.tags:
-        if system.size <= MOST_REDUCED or "explicit" in method.tags:
+        if system.size <= MOST_REDUCED or {"explicit", "peer"} <= method.tags:
             return ""
         return (
             f"it needs the ODE under the constraints as formulas, which are traced up to {MOST_REDUCED} numbers; "
@@ -72,7 +81,7 @@ def excluded(system: System, method: Integrator) -> str:
         )
     return (
         f"{system.name} has constraints, whose multipliers are unknowns of one-step formulas without stages: take "
-        "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy"
+        "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy, or tc_auto, which solves the ODE under them"
     )
 
 
@@ -226,22 +235,29 @@ def velocities(system: Any, z: Any) -> list[Any]:
     return _blocks_like(mu, trace.substitute(own, here))
 
 
-def reduced(system: Any, z: Any) -> Any:
+def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None) -> Any:
     """dz/dt with the multipliers that keep d g/dt = 0: A lam = b, A = {g, dg/dt}, by elimination without pivoting, for
-    -A = G M^-1 G^T is positive definite. Entry by entry, of small systems."""
+    -A = G M^-1 G^T is positive definite. Entry by entry, of small systems.
+
+    dE, dS: covectors, shape (size,), in the place of the gradients of energy and entropy."""
     x = system.unknowns("x")
-    lam = _solved(system, x)
-    view = pulled(system, _blocks_like([_lifted(g) for g in conditions(system, x)], lam))
-    dE, dS = view.gradient(x), system.entropy_gradient(x)
-    found = [trace.lifted(y) for y in system.reversible(x, dE, dS) + system.irreversible(x, dE, dS)]
     here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
+    covectors = [system.gradient(x), system.entropy_gradient(x)]
+    if dE is not None:
+        told = [system.unknowns(name) for name in ("dE", "dS")]
+        here |= dict(zip(entries(*told), map(trace.lifted, entries(dE, dS)), strict=True))
+        covectors = [system.state(y) for y in told]
+    dE, dS = covectors
+    lam, slopes = _solved(system, x, dE, dS)
+    force = [summed(products(lam, column)) for column in zip(*slopes, strict=True)]
+    pulled_by = dE + system.state(trace.array(force))
+    found = [trace.lifted(y) for y in system.reversible(x, pulled_by, dS) + system.irreversible(x, pulled_by, dS)]
     return system.state(trace.substitute(found, here))
 
 
-def _solved(system: Any, x: Any) -> list[Symbol]:
-    """The multipliers at a state of symbols."""
-    dS = system.entropy_gradient(x)
-    free = entries(system.free_rate(x))
+def _solved(system: Any, x: Any, dE: Any, dS: Any) -> tuple[list[Symbol], list[list[Symbol]]]:
+    """The multipliers at a state of symbols, and the slopes of their constraints."""
+    free = entries(system.reversible(x, dE, dS) + system.irreversible(x, dE, dS))
     g = entries(*map(_lifted, conditions(system, x)))
     slopes = [chain_rule.gradient(trace.lifted(f), entries(x)) for f in g]
     speeds = entries(*velocities(system, x))
@@ -250,4 +266,4 @@ def _solved(system: Any, x: Any) -> list[Symbol]:
 
     A = [[trace.neg(summed(products(bend, pull))) for pull in pulls] for bend in bends]
     factors, _ = factorise(A)
-    return factors.solve([summed(products(bend, free)) for bend in bends])
+    return factors.solve([summed(products(bend, free)) for bend in bends]), slopes

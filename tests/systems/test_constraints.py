@@ -158,10 +158,43 @@ def test_unusual_units(unit):
     assert missed(two) < 1e-13 * unit**2 and two.summary.energy_error_max < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [("tc_auto", "rods[n=1]"), ("tc_taylor", "rods[n=1]"), ("tc_gauss_adaptive", "rods[n=1]"), ("tc_auto", "rods"),
+     *(pytest.param(method, name, marks=pytest.mark.thorough) for method, name in (
+         ("tc_auto", "director_body"), ("tc_auto", "four_masses"), ("tc_auto", "rods[n=10]"),
+         ("tc_gauss_adaptive", "director_body"), ("tc_taylor", "rod_loop[n=5]")))],
+)  # fmt: skip
+def test_adaptive_methods_meet_the_tolerance_and_keep_laws_and_constraints(method, name):
+    from tcbench.reference.lookup import reference_for
+
+    one = scenario(name, t_end=0.5)
+    exact = reference_for(one, [0.5]).states[0]
+    for tolerance in (1e-3, 1e-6):
+        run = tcbench.simulate(method, one, tolerance=tolerance)
+        assert run.ok and np.abs(run.z[-1] - exact).max() < tolerance and missed(run) < 1e-14
+        assert np.abs(one.model.constraint_speeds(run.z)).max() < 1e-13
+        assert run.summary.energy_error_max < 1e-13 and run.summary.entropy_increment_min > -1e-14
+        assert max(map(np.ptp, run.invariants.values())) < 1e-12
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_an_adaptive_method_meets_the_tolerance_of_stiff_joints(tolerance):
+    from tcbench.reference.lookup import reference_for
+
+    one = scenario("rods", t_end=0.5, friction=100.0, conductivity=300.0)
+    run = tcbench.simulate("tc_auto", one, tolerance=tolerance)
+    assert run.ok and np.abs(run.z[-1] - reference_for(one, [0.5]).states[0]).max() < tolerance
+    assert missed(run) < 1e-14 and run.summary.energy_error_max < 1e-13
+
+
 def test_methods_that_cannot_are_refused():
-    for name in ("tc_gauss", "bdf2", "projected[method=midpoint_entropy]", "tc_auto"):
+    for name in ("tc_gauss", "bdf2", "projected[method=midpoint_entropy]", "tc_invariant"):
         with pytest.raises(TcbenchError, match="constraints"):
             tcbench.simulate(name, scenario("rods"))
+    with pytest.raises(TcbenchError, match="up to 100 numbers; .* take tc_monolithic"):
+        tcbench.simulate("tc_auto", "director_rod", tolerance=1e-3)
 
 
 def test_multipliers_and_constraints_go_together():
