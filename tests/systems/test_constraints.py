@@ -193,7 +193,7 @@ def test_methods_that_cannot_are_refused():
     for name in ("tc_gauss", "bdf2", "projected[method=midpoint_entropy]", "tc_invariant"):
         with pytest.raises(TcbenchError, match="constraints"):
             tcbench.simulate(name, scenario("rods"))
-    with pytest.raises(TcbenchError, match="up to 100 numbers; .* take tc_monolithic"):
+    with pytest.raises(TcbenchError, match=r"up to 100 numbers; .* take tc_monolithic"):
         tcbench.simulate("tc_auto", "director_rod", tolerance=1e-3)
 
 
