@@ -39,7 +39,8 @@ def explicit(name):
 @functools.cache
 def run(integrator, scenario):
     for parts in (1, 4, 16, 64, 256) if explicit(integrator) else (1,):
-        result = tcbench.simulate(integrator, scenario, dt=SCENARIOS[scenario].dt / parts)
+        own = SCENARIOS[scenario]
+        result = tcbench.simulate(integrator, scenario, dt=own.dt / parts, t_end=own.t_end / parts)  # as many steps
         if result.ok:
             break
     return result
