@@ -42,10 +42,16 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
         factors = SPREAD ** rng.uniform(-1, 1, count)
         found = put_in(np.concatenate([np.asarray(z0), factors]), model.constant_values)
         true = np.asarray(model.entropy_gradient(z0))
-        for one in owed:
-            one.see(dE, dS, *rates_of(model, mid, dE, dS))
-            one.see(*np.split(found[: 4 * n], 4))
-            one.see(freely, true, *rates_of(model, z0, freely, true))
+        cases = (
+            (mid, dE, dS, *rates_of(model, mid, dE, dS)),
+            (z0, *np.split(found[: 4 * n], 4)),
+            (z0, freely, true, *rates_of(model, z0, freely, true)),
+        )
+        for case in cases:
+            warm = _is_warm(model, *case[:3])
+            for one in owed:
+                if warm or not one.rises:
+                    one.see(*case[1:])
         for i, name in enumerate(lost):
             slope = found[(4 + i) * n : (5 + i) * n]
             lost[name] = max(lost[name], *(relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
@@ -173,6 +179,13 @@ def _matrix_of(model: System, name: str) -> Kernel:
         z = trace.variables("z", model.size)
         outputs = [trace.lifted(x) for x in np.ravel(np.asarray(getattr(sym, name)(z), dtype=object))]
         return kernel(placed("a", z) | sym.constant_symbols(), outputs)
+
+
+def _is_warm(model: System, z: Any, dE: Any, dS: Any) -> bool:
+    """Whether the temperatures that these covectors give are positive: of others nobody claims that entropy grows."""
+    if not model.defines("temperature"):
+        return True
+    return bool(np.min(np.asarray(model.temperature(*map(model.state, (z, dE, dS))), dtype=float)) > 0)
 
 
 def relative(covector: Any, rate: Any) -> float:

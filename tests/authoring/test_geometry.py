@@ -151,3 +151,17 @@ def test_what_ships_is_of_the_theory():
         lines = {line.check: line for line in check.scenario_lines(scenarios()[name], [n for n, _ in geometry.TESTS])}
         assert lines["far out"].verdict == lines["Onsager"].verdict == check.OK and not lines["temperatures"].remedy
         assert lines["bracket"].verdict == bracket
+
+
+class ExpandsWhenWarm(Right):
+    """A temperature of two terms: with slopes of its own for each it may be negative, and then S falls, rightly."""
+
+    def energy(self, z):
+        return super().energy(z) - 0.5 * z.s * np.exp((z.q[0] - 1) / 4)
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+
+def test_entropy_is_owed_where_temperatures_are_positive_only():
+    assert "irreversible never lowers entropy" not in told(ExpandsWhenWarm, check.FAIL)
