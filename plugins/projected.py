@@ -4,8 +4,9 @@ After each step (of an adaptive solver: at each output time) the result is moved
 the invariants of the start of the run and no less entropy than before the step: along their gradients
 (tcbench/solver/mending.py), each variable in proportion to its change in the step. The move is as small as the error of
 one step, so the order is kept. What an adaptive solver misses at an output is of all its steps up to there: each
-variable is moved in proportion to its size. Where no such state is near, as at steps at which the method alone fails,
-the step fails.
+variable is moved in proportion to its size. A solver begins anew behind each kink of the rates, which its error
+estimate does not see (solver_kinks.py). Where no such state is near, as at steps at which the method alone fails, the
+step fails.
 
 `projected[method=NAME]` wraps any registered method, peers included. The default is verlet_heat4: explicit, of order
 four, and with the projection thermodynamically consistent.
@@ -25,7 +26,9 @@ from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
 from tcbench.solver.mending import ENTROPY, LAWFUL, NEAR, SHRUNK, by_variable, gradients, laws, missed, shortest_move
 
+from .controlled import kinks_in
 from .exact_conduction import VERLET_HEAT4
+from .solver_kinks import counted, stopped_at_kinks
 
 MOVES = 10  # onto the laws at most: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
@@ -46,7 +49,7 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         "uses": method.sources, "parameters": {}, "family": None,
     }  # fmt: skip
     if method.adaptive is not None:
-        outputs = method.outputs and _projected_outputs(method.outputs)
+        outputs = method.outputs and _projected_outputs(method.adaptive, method.outputs)
         return replace(method, **common, adaptive=_projected_solver(method.adaptive), outputs=outputs)
     if method.kind == "flows":
         return replace(method, **common, flows=[*method.flows, PROJECTION])
@@ -111,7 +114,7 @@ def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[...,
 
 
 def _mended(states: Iterable[Any], system: System, z0: Any) -> Iterator[Any]:
-    """What a user of a solver can do: its outputs are projected, its own steps are as they were."""
+    """What a user of a solver can do: its outputs are projected, its own steps are as they were between kinks."""
     first = last = np.asarray(z0, dtype=float)
     yield first
     for state in itertools.islice(states, 1, None):
@@ -121,17 +124,24 @@ def _mended(states: Iterable[Any], system: System, z0: Any) -> Iterator[Any]:
 
 def _projected_solver(adaptive: Callable[..., Any]) -> Callable[..., Any]:
     def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
-        found = adaptive(system, z0, times, rtol, atol)
-        states, counts = found if isinstance(found, tuple) else (found, {})
+        if kinks_in(system) is None:
+            states, counts = counted(adaptive(system, z0, times, rtol, atol))
+        else:
+            states, counts = stopped_at_kinks(adaptive, system, z0, times, rtol, atol)
         return np.array(list(_mended(states, system, z0))), counts
 
     return solved
 
 
-def _projected_outputs(outputs: Callable[..., Any]) -> Callable[..., Any]:
+def _projected_outputs(adaptive: Callable[..., Any], outputs: Callable[..., Any]) -> Callable[..., Any]:
     def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
-        states, counts = outputs(system, z0, times, rtol, atol)
-        return _mended(states, system, z0), counts
+        smooth = kinks_in(system) is None
+        found = (
+            outputs(system, z0, times, rtol, atol)
+            if smooth
+            else stopped_at_kinks(adaptive, system, z0, times, rtol, atol)
+        )
+        return _mended(found[0], system, z0), found[1]
 
     return solved
 

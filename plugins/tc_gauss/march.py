@@ -15,6 +15,7 @@ from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
 
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
+ADD_UP = 64.0  # steps with a kink, from which on what they miss adds up: each may miss as much less
 SHORTEST = 2.0**-24  # of a step, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 HALF = 0.5  # of a step without a solution in reach
@@ -260,7 +261,7 @@ def advance(
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
                 if w.n_kinks > 0 and has_kink(w, step):
                     turned += 1
-                    error *= ACCEPT * tolerance * SOLVED_TO / residual
+                    error *= ACCEPT * tolerance * SOLVED_TO / residual * (1.0 + turned / ADD_UP)
                     factor = min(factor, SAFETY * math.sqrt(tolerance / max(error, 1e-300)))
                 factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:

@@ -34,6 +34,7 @@ FEW = 2.0**-6  # the same of an energy: an error of it is seen sooner
 STEP = 32.0  # from one length of a move to the next
 LONGER = STEP ** np.arange(1.0, 25.0)  # moves where a short one shows nothing
 LITTLE = 2.0**-4  # of the energy at hand: a change from which it can be told how far all of it moves a variable
+HALVINGS = 40  # of the interval of such a move, whose ends are STEP apart
 SEEN = 2.0**-36  # of the energy at hand: a change that shows a size, well above round-off
 NOISE = 2.0**-48  # of a value: what its differences may be
 CURVED = 2.0**-44  # of a slope: a change of it that shows a curvature
@@ -163,9 +164,26 @@ def _moved(model: System, z0: Floats, energy: float, unusual: bool = False) -> F
         best = max(little - 1, seen[0]) if len(seen) else -1
         if best >= 0 and (little or max(first[i], second[i]) < SEEN * energy):
             length[i], first[i], second[i] = longer[best], firsts[best], seconds[best]
+            if best > 0 and not most[best] <= energy:  # of an exponential that was nothing before
+                length[i], first[i], second[i] = _between(
+                    model, z0, energy, ways[i : i + 1], longer[best - 1 : best + 1]
+                )
     with np.errstate(divide="ignore"):
         far = np.minimum(length * (energy / first), length * np.sqrt(energy / second))
     return np.where(np.maximum(first, second) >= SEEN * energy, far, largest)
+
+
+def _between(model: System, z0: Floats, energy: float, way: Floats, lengths: Floats) -> tuple[float, float, float]:
+    """A move between these two, of which one shows nothing and one too much, and its changes of the energy."""
+    low, high = lengths
+    for _ in range(HALVINGS):
+        length = math.sqrt(low * high)
+        first, second = (float(change[0]) for change in _changes(model, z0, np.array([length]), way))
+        most = max(first, second)
+        if SEEN * energy <= most <= LITTLE * energy:
+            break
+        low, high = (length, high) if most < SEEN * energy else (low, length)
+    return length, first, second
 
 
 def _reached(model: System, z0: Floats, far: Floats, horizon: float) -> Floats:

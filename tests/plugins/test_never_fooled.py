@@ -213,10 +213,70 @@ def test_the_projection_of_a_solver_errs_as_the_solver_does(scenario):
     assert moved.summary.energy_error_max < 1e-11
 
 
+KINKED = {  # force, friction, what the rates are multiplied by
+    "a wall": (lambda q: q**2 / 2 + 8 * np.maximum(q - 0.3, 0.0) ** 2, None, None),
+    "a stiff floor": (lambda q: 9.81 * q + 1.5e4 * np.maximum(-q, 0.0) ** 2, None, None),
+    "a floor of springs": (lambda q: 9.81 * q + 1e4 * np.maximum(-q, 0.0) ** 2.5, lambda q, v: 0.02 * v, None),
+    "a box": (lambda q: 5e2 * np.maximum(np.abs(q) - 0.8, 0.0) ** 2 + q / 4, None, None),
+    "a notch": (lambda q: q**2 / 2 + 0.3 * np.abs(q - 0.2), None, None),
+    "a power": (lambda q: np.abs(q) ** 1.7 + 0.02 * q, None, None),
+    "two materials": (lambda q: np.where(q > 0.1, 3 * (q - 0.1) ** 2, (q - 0.1) ** 2 / 2), None, None),
+    "quadratic drag": (lambda q: q**2 / 2 + q**4, lambda q, v: 0.3 * np.abs(v) * v, None),
+    "drag behind a place": (lambda q: 1 - np.cos(q), lambda q, v: v * np.where(q > 0.2, 0.6, 0.05), None),
+    "a limit": (lambda q: 2 * q**2, lambda q, v: np.sign(v) * np.maximum(np.abs(v) - 0.4, 0.0), None),
+    "rates of two sides": (lambda q: 1 - np.cos(q) + q**2 / 20, None, lambda q: 1 + 0.5 * np.abs(q)),
+}
+
+
+@pytest.mark.parametrize("name", KINKED)
+def test_a_projected_solver_stops_at_kinks(name):
+    """Its own estimates pass them by: with status ok 15 times what is allowed at the stiff floor."""
+    potential, friction, factor = KINKED[name]
+
+    class Kinked(Moving):
+        def potential(self, q):
+            return potential(q)
+
+        def reversible(self, z, dE, dS):
+            rate = factor(z.q) if factor else 1.0
+            return {"q": rate * dE.p, "p": -rate * dE.q}
+
+        def irreversible(self, z, dE, dS):
+            return rubbed(friction(z.q, dE.p), dE) if friction else {}
+
+    constants = {"k": 1.0, "at": 0.0, "width": 1.0, "c": 0.0}
+    scenario = Scenario("kinked", Kinked, constants, initial={"q": 0.7, "p": 0.3, "s": 0.0}, t_end=5.0, dt=0.05)
+    times = np.linspace(0.0, 5.0, 26)
+    moved = scenario.replace(initial={"q": 0.7 + 1e-7, "p": 0.3, "s": 0.0})
+    exact, beside = (tcbench.simulate("tc_auto", x, tolerance=1e-12, times=times).z for x in (scenario, moved))
+    condition = max(1.0, np.abs(beside - exact).max() / 1e-7)
+    for tolerance in (1e-4, 1e-6, 1e-9):
+        run = tcbench.simulate("projected[method=scipy_dop853]", scenario, tolerance=tolerance, times=times)
+        assert run.ok and run.summary.energy_error_max < 1e-11, run.failure
+        assert np.abs(run.z - exact).max() < ALLOWED * tolerance * condition, tolerance
+
+
 @pytest.mark.parametrize("scenario", UNSEEN[:-1], ids=lambda s: f"{s.system.__name__} {s.t_end:g}")
 def test_no_size_is_larger_than_what_a_run_moves_a_variable_by(scenario):
     """Where the energy is flat a size was 8192, or that of a clock 4e34: tolerances and moves were measured by it."""
     assert (scenario.model.least_each <= 2 * max(1.0, scenario.t_end)).all()
+
+
+class Wall(Moving):
+    def potential(self, q):
+        return self.k * np.exp((q - self.at) / self.width)
+
+
+@pytest.mark.parametrize(
+    ("k", "at", "width"), [(0.1, 21.0, 0.5), (3.0, 30.0, 0.5), (1.0, 9.0, 0.1), (1e-3, 60.0, 0.7), (50.0, 14.0, 0.2)]
+)
+def test_a_wall_far_away_gives_a_size_to_what_moves_towards_it(k, at, width):
+    """The place was measured by 4e-183: a move to behind the wall, where the energy is 1e203, was scaled down."""
+    scenario = unseen(Wall, k, at, width, t_end=1.5 * at)
+    assert scenario.model.least_each.tolist() == [1.0, 1.0, 1.0]
+    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive"):
+        run = tcbench.simulate(method, scenario, tolerance=1e-6)
+        assert run.ok and run.z[-1, 1] == pytest.approx(-1.0, abs=1e-4), (method, run.failure)
 
 
 class Row(System):

@@ -1,0 +1,116 @@
+"""A solver of somebody else's, begun anew behind each kink of the rates, which its estimates do not see.
+
+Between two states the numbers whose size the rates have, and their slopes, tell whether one of them changed its sign
+(`controlled.turn`). Then the time at which it did is found by solving up to it, and the solver begins there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tcbench import System
+
+from .controlled import kinks_in, turn
+
+LOOKS = 100  # places in a run, at least, between which kinks are looked for
+FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many each time that none follows
+PARTS = 8  # of an interval with a kink, each looked at
+DEEP = 6  # parts of parts, in which one that turns before it changes its sign may do so
+MOST = 8  # kinks in one interval: then a motion slides along one, or they are too many for what each adds to the error
+BEHIND = 1e-14  # a kink, over the time
+
+
+def counted(found: Any) -> tuple[Any, dict[str, int]]:
+    """States and counts of a solver, which may give the states alone."""
+    return found if isinstance(found, tuple) else (found, {})
+
+
+def stopped_at_kinks(
+    adaptive: Callable[..., Any], system: System, z0: Any, times: Any, rtol: float, atol: float
+) -> tuple[Iterator[Any], dict[str, int]]:
+    """(states at the times, counts, which are complete with the last state)."""
+    run = Run(adaptive, system, rtol, atol)
+    return run.states(np.asarray(z0, dtype=float), np.asarray(times, dtype=float)), run.counts
+
+
+class Run:
+    """A solver on a system that has kinks."""
+
+    def __init__(self, adaptive: Callable[..., Any], system: System, rtol: float, atol: float) -> None:
+        self.adaptive, self.system, self.tolerances = adaptive, system, (rtol, atol)
+        self.kinks: Any = kinks_in(system)
+        self.counts: Counter[str] = Counter()
+
+    def solve(self, z: Any, times: Any) -> Any:
+        """States at the times behind the first, at which it is z."""
+        states, counts = counted(self.adaptive(self.system, z, times, *self.tolerances))
+        self.counts.update(counts)
+        return np.asarray(states, dtype=float)[1:]
+
+    def states(self, z: Any, times: Any) -> Iterator[Any]:
+        """At the times; looked at between more of them."""
+        yield z
+        wanted = set(times.tolist())
+        grid = np.union1d(times, np.linspace(times[0], times[-1], LOOKS + 1))
+        here, many = 0, FIRST
+        while here < len(grid) - 1:
+            ahead, before = grid[here : here + many + 1], self.kinks(z)
+            many *= GROW
+            for t, end, state in zip(ahead[:-1], ahead[1:], self.solve(z, ahead), strict=True):
+                after = self.kinks(state)
+                kink = turn(before, after, end - t)
+                z = self.across(z, t, end) if kink else state
+                here += 1
+                if end in wanted:
+                    yield z
+                if kink:
+                    many = FIRST
+                    break
+                before = after
+
+    def across(self, z: Any, t: float, end: float, deep: int = 0) -> Any:
+        """The state at the end of an interval, begun anew behind each kink in it."""
+        for _ in range(MOST):
+            parts = np.linspace(t, end, PARTS + 1)
+            states = [z, *self.solve(z, parts)]
+            signs = [self.kinks(x) for x in states]
+            turned = [turn(*pair, parts[1] - t) for pair in pairwise(signs)]
+            if not any(turned):
+                return states[-1]
+            first = turned.index(True)
+            z, t, after = states[first], parts[first], parts[first + 1]
+            crossed = signs[first][0] * signs[first + 1][0] < 0.0
+            if crossed.any():
+                z, t = self.behind(z, t, after, np.flatnonzero(crossed))
+            else:  # it begins or ends in one, or may pass it and come back
+                z = self.across(z, t, after, deep + 1) if deep < DEEP else states[first + 1]
+                t = after
+            if t >= end:
+                return z
+        raise ArithmeticError(
+            f"more than {MOST} kinks of the rates follow each other at t = {t:g}, as where a motion slides along one: "
+            "take tc_auto, or more output times"
+        )
+
+    def behind(self, z: Any, t: float, end: float, crossed: Any) -> tuple[Any, float]:
+        """(state, time) just behind the first of these kinks in an interval that is crossed."""
+        from scipy.optimize import brentq  # when something runs, not when plugins are listed
+
+        def at(x: float) -> Any:
+            return self.solve(z, np.array([t, x]))[0] if x > t else z
+
+        first, kink = end, int(crossed[0])
+        for j in crossed:
+            u = self.kinks(z)[0][j]
+            if u * self.kinks(at(first))[0][j] < 0.0:
+                first, kink = brentq(lambda x, j=j: self.kinks(at(x))[0][j], t, first, xtol=BEHIND * abs(end)), j
+        step, sign = BEHIND * max(abs(end), end - t), np.sign(self.kinks(z)[0][kink])
+        while first < end and self.kinks(at(min(end, first + step)))[0][kink] * sign >= 0.0:
+            step *= 4.0
+        first = min(end, first + step)
+        return at(first), first
