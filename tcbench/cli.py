@@ -130,7 +130,7 @@ def list_() -> None:
 @click.option(
     "--fields",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the fields on the mesh, for ParaView: FILE.xdmf, or FILE.vtu, one a state.",
+    help="Write the fields on the mesh, for ParaView: FILE.xdmf, or FILE.vtu, one a state; or draw them: FILE.png.",
 )
 @PLUGINS
 @done_by("simulate:simulate_command")

@@ -1,4 +1,4 @@
-"""A run as fields on its mesh, for ParaView: XDMF, or VTU files and a PVD that lists them; by meshio."""
+"""A run as fields on its mesh, for ParaView: XDMF, or VTU files and a PVD that lists them, by meshio; or as a picture."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import TcbenchError, needs_folder, unknown_name, writing
 from ..fem import needed
 from ..systems.over_spaces import space_of
+from .mesh_picture import SUFFIXES, draw
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -133,11 +134,17 @@ def records(run: Trajectory, mesh: Mesh) -> Iterator[tuple[float, Any, dict[str,
 
 def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:
     """See `Trajectory.write`."""
-    path, meshio = Path(path), needed("meshio", "meshio")
-    if path.suffix not in (".xdmf", ".vtu"):
-        raise TcbenchError(f"Fields are written to .xdmf (all times in one file) or .vtu, not to {path.name!r}.")
+    path = Path(path)
+    if path.suffix not in (".xdmf", ".vtu", *SUFFIXES):
+        raise TcbenchError(
+            "Fields are written to .xdmf (all times in one file) or .vtu, or drawn as .png, .svg or .pdf, not to "
+            f"{path.name!r}."
+        )
     needs_folder(path)
     mesh = mesh_of(run, table)
+    if path.suffix in SUFFIXES:
+        return draw(run, mesh, path)
+    meshio = needed("meshio", "meshio")
     cells = [(mesh.kind, mesh.cells)]
     with writing(repr(str(path))):
         if path.suffix == ".xdmf":

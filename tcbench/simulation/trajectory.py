@@ -194,8 +194,9 @@ class Trajectory:
 
     def write(self, path: str | Path, table: str | None = None) -> Path:
         """The states as fields on the mesh, for ParaView: .xdmf, all times in one file and places as displacements; or
-        .vtu, a file a state, and a .pvd that lists them, which is returned. table: the one whose rows are the cells, by
-        default the first. TcbenchError where no table has cells of places, or meshio is missing (extra `fem`)."""
+        .vtu, a file a state, and a .pvd that lists them, which is returned. Or a picture of the start, the middle and
+        the end, filled by temperature: .png, .svg or .pdf. table: the one whose rows are the cells, by default the
+        first. TcbenchError where no table has cells of places, or meshio is missing (extra `fem`)."""
         from .fields import write
 
         return write(self, path, table)

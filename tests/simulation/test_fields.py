@@ -11,6 +11,7 @@ from tcbench.cli import main
 from tcbench.errors import TcbenchError
 from tcbench.plugins import find_scenario
 from tcbench.simulation.fields import mesh_of
+from tcbench.simulation.mesh_picture import outside
 
 meshio = pytest.importorskip("meshio")
 SHORT = {"solid[n=1]": (0.2, 0.1), "ring[n=8]": (0.1, 0.05), "gas_tube[n=30]": (0.01, 0.005)}
@@ -59,5 +60,16 @@ def test_what_has_no_mesh_is_told(tmp_path):
     run = tcbench.simulate("tc_monolithic", "short_term", t_end=0.6)
     with pytest.raises(TcbenchError, match="no table of cells of places"):
         run.write(tmp_path / "a.xdmf")
-    with pytest.raises(TcbenchError, match=r"\.xdmf .* or \.vtu, not to 'a.txt'"):
+    with pytest.raises(TcbenchError, match=r"\.xdmf .* or \.vtu, .* not to 'a.txt'"):
         run.write(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize("name", ["ring[n=8]", "gas_tube[n=30]", "solid[n=1]"])
+def test_a_picture_of_the_start_the_middle_and_the_end_is_drawn(name, tmp_path):
+    t_end, dt = SHORT[name]
+    run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)
+    faces, owner = outside(mesh := mesh_of(run))
+    if name == "solid[n=1]":  # three cubes side by side have 14 squares for their surface, each two triangles
+        assert len(faces) == 28 and set(owner) <= set(range(len(mesh.cells)))
+    assert run.write(tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+    assert "temperature" in run.write(tmp_path / "a.svg").read_text()

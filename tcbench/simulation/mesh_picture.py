@@ -1,0 +1,86 @@
+"""A run on its mesh as a picture: the start, the middle and the end side by side, filled by temperature."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import writing
+from ..files import written
+
+if TYPE_CHECKING:
+    from .fields import Mesh
+    from .trajectory import Trajectory
+
+SUFFIXES = (".png", ".svg", ".pdf")
+FACES = {  # corners of the faces of a cell that has some
+    "tetra": ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+    "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+SIDE, ROOM = 3.6, 0.05  # inches of a state; the part of its size that is left around
+PLAIN = "#9db4c8"
+
+
+def outside(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Corners (m, k) of the faces that one cell alone has, and whose they are (m,); of lines and surfaces the cells."""
+    if mesh.kind not in FACES:
+        return mesh.cells, np.arange(len(mesh.cells))
+    faces = np.concatenate([mesh.cells[:, corners] for corners in FACES[mesh.kind]])
+    owner = np.tile(np.arange(len(mesh.cells)), len(FACES[mesh.kind]))
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    alone = np.sort(first[count == 1])
+    return faces[alone], owner[alone]
+
+
+def draw(run: Trajectory, mesh: Mesh, path: Path) -> Path:
+    """Write the picture: .png, .svg or .pdf."""
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    from .fields import records
+
+    kept = sorted({0, len(run.t) // 2, len(run.t) - 1})
+    states = [state for k, state in enumerate(records(run, mesh)) if k in kept]
+    faces, owner = outside(mesh)
+    heats = [_heat(on_points, on_cells, faces, owner) for _, _, on_points, on_cells in states]
+    known: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
+    points = np.concatenate([x for _, x, _, _ in states])
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    flat = high[2] == low[2]
+    room = ROOM * (high - low).max() + 1e-300
+    figure = Figure(figsize=(SIDE * len(states), SIDE), layout="constrained")
+    every: Any = figure.subplots(1, len(states), squeeze=False, subplot_kw={"projection": "3d"})[0]
+    for ax, (t, x, _, _), heat in zip(every, states, heats, strict=True):
+        kind = Line3DCollection if faces.shape[1] == 2 else Poly3DCollection
+        look = {"linewidths": 3.0} if faces.shape[1] == 2 else {"edgecolors": "#333333", "linewidths": 0.3}
+        drawn: Any = kind(x[faces], **look)
+        if heat is None:
+            drawn.set_color(PLAIN)
+        else:
+            drawn.set(array=heat, cmap="coolwarm", clim=(known.min(), max(known.max(), known.min() + 1e-9)))
+        ax.add_collection3d(drawn)
+        ax.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room),
+               zlim=(low[2] - room, high[2] + room), title=f"t = {t:.3g}", xlabel="x", ylabel="y")  # fmt: skip
+        ax.set_box_aspect(high - low + 2 * room)
+        ax.tick_params(labelsize=6)
+        if flat:
+            ax.view_init(90, -90)
+            ax.set_proj_type("ortho")
+            ax.set_zticks([])
+    if len(known):
+        figure.colorbar(drawn, ax=list(every), label="temperature θ", shrink=0.7)
+    figure.suptitle(f"{run.integrator.name} on {run.scenario.name}")
+    with writing(repr(str(path))), written(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:], dpi=150)
+    return path
+
+
+def _heat(on_points: Any, on_cells: Any, faces: Any, owner: Any) -> Any:
+    """Of each face: the mean of its corners, or that of its cell; None where there is no temperature."""
+    if "temperature" in on_points:
+        of: Any = np.ma.masked_invalid(on_points["temperature"].reshape(-1)[faces])
+        return of.mean(axis=1)  # of those that move
+    return on_cells.get("temperature")[owner] if "temperature" in on_cells else None
