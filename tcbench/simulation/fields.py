@@ -1,4 +1,4 @@
-"""A run as fields on its mesh, for ParaView: XDMF, or VTU files and a PVD that lists them, by meshio; or as a picture."""
+"""A run as fields on its mesh: XDMF, or VTU files and a PVD that lists them, by meshio; or as a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Static solutions: the state of least energy in the numbers of a variable, loads and all else as they are at the start."""
+"""Static solutions: the least energy in the numbers of a variable, loads and all else as at the start."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def gradient(system: Any, z: Any) -> Any:
 
 
 def at_rest(scenario: Scenario, variable: str = "q", held: Any = None) -> Scenario:
-    """The scenario that begins in static equilibrium: dE/dq = 0 where q is not held, entropies and the rest as they are.
+    """The scenario that begins in static equilibrium: dE/dq = 0 where q is not held, all else as it is.
 
     variable : the name of the places. held : of its shape or that of its first axis, True where a number is to stay,
     as at a clamped face. Loads are terms of the energy (docs/solids.md); a clock stands at its start. Newton's method
@@ -62,8 +62,8 @@ def at_rest(scenario: Scenario, variable: str = "q", held: Any = None) -> Scenar
         if not part:
             break
     raise TcbenchError(
-        f"There is no least energy of {scenario.name!r} near its start: begin nearer to it, from the solution of a part "
-        "of the load, say."
+        f"There is no least energy of {scenario.name!r} near its start: begin nearer to it, from the solution of a "
+        "part of the load, say."
     )
 
 

@@ -1,4 +1,4 @@
-"""Static solutions of loaded systems: those of linear elasticity at small loads, and what is said where there is none."""
+"""Static solutions of loaded systems: those of linear elasticity at small loads, and what is said of others."""
 
 import numpy as np
 import pytest
