@@ -51,6 +51,19 @@ def a_share_of_the_cores():
         yield
 
 
+def in_this_process():
+    """Cells are measured in this process: for tests of what rows say, not of the processes that measure them."""
+    from here import run_cells
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tcbench.runner.run.run_cells", run_cells)
+        yield
+
+
+cells_here = pytest.fixture(scope="module", name="cells_here")(in_this_process)  # of all tests of a file
+here = pytest.fixture(name="here")(in_this_process)  # of one
+
+
 @pytest.fixture(autouse=True)
 def plugins_as_installed():
     """After each test the plugin folders that it named are forgotten."""

@@ -16,6 +16,8 @@ from command import tcbench
 
 from tcbench.cli import main
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 
 def process(*args, cwd=None):
     """As `tcbench`, by a process of its own."""

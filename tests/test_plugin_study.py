@@ -20,6 +20,8 @@ from tcbench.runner.cell import Cell
 from tcbench.runner.rows import Store
 from tcbench.runner.tables import make_tables
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]
 NAME = 'Study(\n            name="halving"'

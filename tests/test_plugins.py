@@ -16,6 +16,8 @@ from tcbench import TcbenchError, plugins
 from tcbench.cli import main
 from tcbench.report.by_method import remarks
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 ROOT = Path(__file__).parent.parent
 GOOD = """
 from tcbench import Integrator, hookimpl

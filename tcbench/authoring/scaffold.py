@@ -5,8 +5,8 @@ from __future__ import annotations
 import keyword
 import re
 import sys
-from importlib.metadata import packages_distributions
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -49,7 +49,7 @@ def check_name(kind: str, name: str) -> None:
         raise TcbenchError(
             f"{name!r} cannot be a name: use lower-case letters, digits and underscores, as in my_method2."
         )
-    if name in sys.stdlib_module_names or name in packages_distributions():
+    if name in sys.stdlib_module_names or find_spec(name):
         raise TcbenchError(f"{name!r} is the name of an installed module, which the file would hide. Choose another.")
     names: dict[str, Any] = {"integrator": plugins.integrators, "study": studies}
     taken = names.get(kind, plugins.scenarios)()

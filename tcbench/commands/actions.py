@@ -295,8 +295,8 @@ def compare_command(
         if len(times):
             by = times.groupby(["study", "integrator"])["time after / before"].agg(["median", "min", "max"])
             terminal.print_frame(by.reset_index(), "times after / before (no verdict: that is asv's)")
-        for sentence in one_sided(changes, run_a, run_b):
-            terminal.say(sentence)
+        if len(alone := one_sided(changes)):
+            terminal.print_frame(alone, f"rows of one run alone: missing from {run_b}, or new there")
         count = f"{len(both)} change{'s' * (len(both) > 1)} beyond noise, {len(worse)} for the worse."
         terminal.say(count if len(both) else "Nothing changed beyond noise.")
     return 1 if fail_on_regression and len(worse) else 0

@@ -55,13 +55,15 @@ FUNCTIONS = {
 
 
 def exactly(scenario: Scenario, name: str, states: ArrayLike) -> list[list[Fraction]]:
-    """`energy`, `vector_field`, ... of a scenario's system at up to eight states (k, n): k rows of m values, right to
-    some 30 digits."""
+    """`energy`, `vector_field`, ... of a scenario's system at states (k, n), eight at a time: k rows of m values, right
+    to some 30 digits."""
     text, shape = scenario.model.formula(name)
-    rows = np.asarray(states, float)
-    lanes = rows[np.minimum(np.arange(LANES), len(rows) - 1)]
-    out: dict[int, Any] = {}
     constants = [Digits(x) for x in scenario.model.constant_values]
-    as_python(text, FUNCTIONS)([Digits(column) for column in lanes.T], constants, out)
-    values = [out[i] if isinstance(out[i], Digits) else Digits(out[i]) for i in range(int(np.prod(shape)))]
-    return [[Fraction(float(x.h[k])) + Fraction(float(x.l[k])) for x in values] for k in range(len(rows))]
+    formula, rows, found = as_python(text, FUNCTIONS), np.asarray(states, float), list[list[Fraction]]()
+    for first in range(0, len(rows), LANES):
+        count = min(LANES, len(rows) - first)
+        lanes, out = rows[first + np.minimum(np.arange(LANES), count - 1)], dict[int, Any]()
+        formula([Digits(column) for column in lanes.T], constants, out)
+        values = [out[i] if isinstance(out[i], Digits) else Digits(out[i]) for i in range(int(np.prod(shape)))]
+        found += [[Fraction(float(x.h[k])) + Fraction(float(x.l[k])) for x in values] for k in range(count)]
+    return found

@@ -30,7 +30,6 @@ FLOOR = 1e-12  # absolute: differences of round-off size mean nothing, whatever 
 ONE_SIDED = ("missing", "new")
 ANY_KEY = ("variable", "dt", "tolerance", "t", "measure", "target", "claim", "factor", "tau", "control", "value",
            "seed", "first_seed")  # fmt: skip # what may tell the rows of a table apart of which no study says it
-MOST_SAID = 12  # sentences on what only one run has
 COLUMNS = (
     "study", "integrator", "scenario", "options", "column", "before", "after", "difference", "noise", "kind",
     "worse",
@@ -130,29 +129,13 @@ def in_both(changes: DataFrame) -> DataFrame:
     return changes[~changes["kind"].isin((*ONE_SIDED, "time"))].reset_index(drop=True)
 
 
-def one_sided(changes: DataFrame, run_a: object = "the first run", run_b: object = "the second run") -> list[str]:
-    """Sentences on what only one of the runs has, by method and scenario."""
-    sentences = []
-    for kind, run in zip(ONE_SIDED, (run_a, run_b), strict=True):
-        by_method: dict[str, dict[str, list[str]]] = {}
-        for row in changes[changes["kind"] == kind].to_dict("records"):
-            number = row["before"] if kind == "missing" else row["after"]
-            rows = by_method.setdefault(row["integrator"], {}).setdefault(row["scenario"], [])
-            rows.append(f"{number:g} of {row['study']}")
-        found = [_only(method, rows) for method, rows in by_method.items()]
-        sentences += [f"Only {run} has {text}." for text in found[:MOST_SAID]]
-        if len(found) > MOST_SAID:
-            sentences.append(f"Only {run} has rows of {len(found) - MOST_SAID} more methods.")
-    return sentences
-
-
-def _only(method: str, rows: Mapping[str, Sequence[str]]) -> str:
-    if len(rows) > 3:
-        studies = sorted({text.rpartition(" ")[2] for found in rows.values() for text in found})
-        where = f"on {len(rows)} scenarios ({', '.join(studies)})"
-    else:
-        where = "; ".join(f"on {scenario} ({', '.join(found)})" for scenario, found in rows.items())
-    return f"rows of {method or 'no method'} {where}"
+def one_sided(changes: DataFrame) -> DataFrame:
+    """How many rows one of the runs has alone, by method and study: "missing" from the second, or "new" in it."""
+    found = changes[changes["kind"].isin(ONE_SIDED)]
+    counted = found.assign(rows=found["before"].fillna(found["after"]).astype(float))
+    by = counted.groupby(["kind", "integrator", "study"], as_index=False)
+    table: DataFrame = by.agg(scenarios=("scenario", "nunique"), rows=("rows", "sum"))
+    return table
 
 
 def _rows(store: Store, schemas: Mapping[str, Table], problems: list[str]) -> dict[Place, Row]:

@@ -77,7 +77,7 @@ def test_an_adaptive_solver_passes():
     assert {line.verdict for line in found.values()} == {"ok", "-"} and found["order"].verdict == "ok"
 
 
-QUICK = ("short_term", "rigid_body", "reaction")
+QUICK = ("short_term", "reaction")
 
 
 @pytest.mark.parametrize(

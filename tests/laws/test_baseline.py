@@ -8,6 +8,8 @@ import pytest
 
 import tcbench
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 TABLES = Path(__file__).parents[2] / "results" / "baseline" / "tables"
 
 

@@ -22,6 +22,8 @@ from tcbench.report.charts.scales import ROUND_OFF, power_text, zero_log_axis
 from tcbench.report.charts.style import COLOURS, FIXED, KNOWN, OTHER, SKY, look
 from tcbench.simulation import series
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 METHODS = {
     "with peers": [*awkward.FIVE, *awkward.PEERS],
     "one": ["tc_monolithic"],

@@ -19,6 +19,8 @@ from tcbench.report.pairs import laws, pairs, times_over_best
 from tcbench.studies.cost import reach
 from tcbench.studies.work_precision import tabulate
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 NAN = math.nan
 LAWS = {"energy": ("energy_error_max", 1e-9), "entropy": ("second_law_violations", 0),
         "angular_momentum": ("angular_momentum_error_max", 1e-9)}  # fmt: skip

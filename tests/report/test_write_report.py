@@ -14,6 +14,8 @@ from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
 from tcbench.studies.base import known_tables
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 LARGEST = 4_000_000
 
 

@@ -19,6 +19,7 @@ def test_every_method_is_told_with_its_family_claims_and_formula():
     assert told["tc_strang"]["claims"] == ["angular_momentum", "energy", "entropy"]
 
 
+@pytest.mark.usefixtures("here")
 def test_a_folder_keeps_what_earlier_runs_declared(tmp_path):
     for name, scenario in (("tc_monolithic", "short_term"), ("tc_strang", "gas_containers")):
         tcbench.run([name], [scenario], ["conservation"], tmp_path, dt=[0.5], jobs=1)

@@ -168,6 +168,7 @@ def test_a_table_is_of_one_tcbench_one_method_and_one_scenario_and_says_what_it_
         assert len(keys) == 1 and told in sentences[0]
 
 
+@pytest.mark.usefixtures("here")
 def test_objects_of_a_session_are_measured_each_time_and_each_of_one_name_is_its_own(tmp_path):
     def weighted(theta):
         def formula(z0, z1, h, system):
@@ -195,6 +196,7 @@ def test_what_a_session_has_changed_of_an_imported_system_is_not_measured_by_wor
     monkeypatch.undo()
 
 
+@pytest.mark.usefixtures("here")
 def test_files_of_the_user_in_the_folder_stay_as_they_are(tmp_path):
     """Each .csv and .parquet in tables/ was deleted that no study makes."""
     kept = {"tables/mine.csv": "a,b\n1,2\n", "notes.txt": "mine", "tables/notes.parquet": "mine"}
@@ -209,6 +211,7 @@ def test_files_of_the_user_in_the_folder_stay_as_they_are(tmp_path):
     }
 
 
+@pytest.mark.usefixtures("here")
 def test_a_folder_has_one_truth_whatever_was_run_last(tmp_path):
     import pandas
 
@@ -222,6 +225,7 @@ def test_a_folder_has_one_truth_whatever_was_run_last(tmp_path):
     assert {p.stem for p in (tmp_path / "tables").iterdir()} == set(fresh.tables)
 
 
+@pytest.mark.usefixtures("here")
 def test_a_damaged_line_is_told_and_its_cell_measured_again(tmp_path):
     """One changed digit was believed."""
     job = plan_job(["tc_strang"], ["short_term"], ["conservation"], dt=[0.3, 0.6])

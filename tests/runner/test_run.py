@@ -29,6 +29,7 @@ def test_run_takes_names_objects_and_variants(tmp_path):
     assert (tmp_path / "mine" / "tables" / "conservation.csv").exists()
 
 
+@pytest.mark.usefixtures("here")
 def test_every_column_of_the_conservation_table_is_there(tmp_path):
     results = tcbench.run(["tc_strang"], ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3])
     columns = [
@@ -43,6 +44,7 @@ def test_every_column_of_the_conservation_table_is_there(tmp_path):
     assert row["scenario_hash"] == tcbench.scenarios()["short_term"].hash
 
 
+@pytest.mark.usefixtures("here")
 def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_count_is_unknown(tmp_path):
     methods = ["solve_ivp_radau", "scipy_odeint", "tc_gauss_adaptive", "tc_gauss", "verlet_heat"]
     table = tcbench.run(methods, ["short_term"], ["conservation"], tmp_path / "x", dt=[0.3]).tables["conservation"]
@@ -52,6 +54,7 @@ def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_cou
     assert known.newton_iterations_mean[lambda k: k].index.tolist() == ["tc_gauss", "tc_gauss_adaptive", "verlet_heat"]
 
 
+@pytest.mark.usefixtures("here")
 def test_a_registered_method_with_another_step_is_measured_as_what_it_is(tmp_path):
     """`replace(registered, step=...)` under the registered name: the object runs, not what is registered."""
     from dataclasses import replace
@@ -66,6 +69,7 @@ def test_a_registered_method_with_another_step_is_measured_as_what_it_is(tmp_pat
         assert again["energy_error_max"].item() < 1e-12 and again["status"].item() == "ok"
 
 
+@pytest.mark.usefixtures("here")
 def test_every_table_of_the_folder_is_what_is_read_from_it(tmp_path):
     from tcbench.runner.tables import read_tables
 

@@ -14,6 +14,8 @@ from tcbench.simulation import series
 from tcbench.studies.conservation import measure
 from tcbench.systems.scenario import Scenario
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 SHORT = tcbench.scenarios()["short_term"]
 
 

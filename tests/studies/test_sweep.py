@@ -1,10 +1,13 @@
 """A sweep: many variants of a scenario in one run. Constants are columns, and no course is kept."""
 
 import numpy as np
+import pytest
 
 import tcbench
 from tcbench.runner.cell import identity_of
 from tcbench.studies import conservation
+
+pytestmark = pytest.mark.usefixtures("cells_here")
 
 BASE = tcbench.scenarios()["short_term"].replace(t_end=0.6)
 

@@ -9,6 +9,8 @@ from tcbench.plugins import find_integrator
 from tcbench.studies import reachable_range
 from tcbench.studies.tolerance import bought
 
+pytestmark = pytest.mark.usefixtures("cells_here")
+
 
 def rung(error):
     return {"status": "ok", "error": error}
