@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..runner.declared import RATES
 from ..runner.rows import Store
 from ..runner.tables import read_tables
 from ..studies.base import known_tables
@@ -44,7 +45,7 @@ def together(
         store.problems += [problem for problem in run.problems if problem not in store.problems]
         there = {kind: {n for of in every.values() for t in of if kind in t for n in t[kind].dropna()} for kind in PAIR}
         scenes, known = more.get("scenarios", {}), declared.get("scenarios", {})
-        changed = [s for s in scenes if s in known and scenes[s] != known[s]]
+        changed = [s for s in scenes if s in known and scenes[s] | {RATES: 0} != known[s] | {RATES: 0}]
         renamed = {"integrator": {m: _of_run(m, label) for m in names(found, "integrator") if m in there["integrator"]},
                    "scenario": {s: _of_run(s, label) for s in changed}}  # fmt: skip
         factor, why = _yardstick({name: of[0] for name, of in every.items()}, found, store, run, label, changed)

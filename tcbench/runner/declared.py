@@ -8,7 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .. import plugins
+from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..study import Study
 from ..systems.plane import joints, links
@@ -18,6 +21,8 @@ FAMILIES = ("Romero (2009)", "consistent, beyond the paper", "other structure", 
 PAPER = FAMILIES[0]
 LONGEST = 4000  # characters of a formula or description that are kept
 LAWS = {"energy", "entropy"}
+RATES = "rates"
+NUDGE = 1e-6  # of a number of the state, for slopes by differences
 
 
 def declared(
@@ -95,8 +100,24 @@ def scenario_facts(scenario: Scenario) -> dict[str, Any]:
         "dt": scenario.dt, "t_converge": scenario.t_converge, "ladder": list(scenario.ladder), "shows": scenario.shows,
         "source": scenario.source, "plugin": scenario.plugin, "initial_exergy": float(scenario.initial_exergy),
         "initial_energy": float(model.energy(z0)), "invariants": list(model.invariant_names),
-        "links": links(model), "joints": joints(model, z0)[0],
+        "links": links(model), "joints": joints(model, z0)[0], RATES: rates(scenario),
     }  # fmt: skip
+
+
+def rates(scenario: Scenario) -> list[float] | None:
+    """The fastest decay and the fastest oscillation at the start: of eigenvalues x of the Jacobian the largest -Re x
+    and |Im x|, in the scenario's unit of time, to three digits; None of large systems and where there is no Jacobian.
+    """
+    model, z0 = scenario.model, np.asarray(scenario.z0)
+    if model.large:
+        return None
+    sizes = NUDGE * np.maximum(model.least_each, np.abs(z0))
+    try:
+        columns = [(model.vector_field(z0 + d) - model.vector_field(z0 - d)) / (2 * d.max()) for d in np.diag(sizes)]
+        x = np.linalg.eigvals(np.array(columns, dtype=float).T)
+    except (ArithmeticError, TcbenchError, np.linalg.LinAlgError):
+        return None
+    return [float(f"{value:.3g}") for value in (max(0.0, -x.real.min()), np.abs(x.imag).max())]
 
 
 def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

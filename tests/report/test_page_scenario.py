@@ -221,5 +221,7 @@ def test_a_tolerated_error_leads_to_a_step_and_a_problem_to_what_it_is_like(full
     page.locator("label", has_text="step for an error of").locator("select").select_option("0.0001")
     assert page.locator(".rank thead th", has_text="h for 0.01%").count() == 1 and "off=0.0001" in page.url
     page.locator("#tabs a", has_text="Which is like yours?").click()
+    here = page.locator("#like-page details", has=page.locator("a", has_text="stiff_spring")).locator("> summary")
+    assert "Fast vibrations" in here.nth(0).inner_text() and "within a step" in here.nth(1).inner_text()
     page.locator("#like-page a", has_text="stiff_spring").click()
     page.locator("#scenario-page h2", has_text="stiff_spring").wait_for()

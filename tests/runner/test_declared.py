@@ -19,6 +19,15 @@ def test_every_method_is_told_with_its_family_claims_and_formula():
     assert told["tc_strang"]["claims"] == ["angular_momentum", "energy", "entropy"]
 
 
+def test_rates_at_the_start_are_those_of_the_equations():
+    """Conduction decays with 2 kappa/c0 = 120, a pendulum swings with sqrt(k/m) = 3; large systems have none."""
+    stiff, slow = (tcbench.scenarios()[name] for name in ("short_term", "damped_oscillator"))
+    assert declared.rates(stiff)[0] == pytest.approx(120, rel=0.03)
+    swing = slow.replace(friction=0.0, stiffness=9.0, initial={"q": 0, "p": 0, "s": 0})
+    assert declared.rates(swing) == [0.0, 3.0]
+    assert declared.rates(tcbench.plugins.find_scenario("gas_tube")) is None
+
+
 @pytest.mark.usefixtures("here")
 def test_a_folder_keeps_what_earlier_runs_declared(tmp_path):
     for name, scenario in (("tc_monolithic", "short_term"), ("tc_strang", "gas_containers")):

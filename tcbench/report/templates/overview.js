@@ -39,10 +39,10 @@ const percent = (v, digits = 2) => (v < ROUND_OFF ? "0" : v < 1e-5 ? "<.001%" : 
 const ending = (counts) => Object.entries(page.marks).filter(([m]) => counts?.[m]).map(([m, text]) => `${counts[m]} ${text}`).join(", ") || "none";
 const cellText = (kind, value, best, stopped, digits = 2) => {
   if (value === null) return stopped ? "…" : "–";
-  if (kind === "time") return value === best ? (digits < 2 ? "1" : "best") : value / best >= 9999.5 ? `${Math.round(value / best / 1000)}k` : number(value / best, value / best < 10 ? 2 : digits + 1);
-  if (kind === "step" && Array.isArray(value)) return `> ${number(value[1], digits)}`;
-  if (kind === "wrong") return percent(value, digits);
-  return number(value, digits);
+  if (kind === "time") return value === best ? (digits < 2 ? "1" : "best") : value / best >= (digits < 2 ? 999.5 : 9999.5) ? `${number(value / best / 1000, 2)}k` : number(value / best, value / best < 10 ? 2 : digits + 1);
+  if (kind === "step") return Array.isArray(value) ? `> ${number(value[1], digits)}` : number(value, 2);
+  if (kind === "wrong") return percent(value, value < 0.0995 ? digits : 2);
+  return number(value, kind === "cost" ? 2 : digits);
 };
 // how strongly a cell is tinted, 1 for the best: better is stronger, and never between where no text could be read
 const strength = (kind, value, best) => {

@@ -211,24 +211,26 @@ const scenarios = async (place) => {
   await listings($("scenario-tables"), "Its tables", { scenario: name });
 };
 
-// which scenario a problem of one's own is like, by what was measured: the step that methods endure, and what a coarse one gets wrong
-const COARSE = 0.08;  // median error of the temperatures at the coarsest step, above which heat flows within one: 0.045 to 0.055 with slow conduction, 0.09 with fast
+// which scenario a problem of one's own is like: by its own step over what is fastest at its start, and by the step that methods endure
+const LIMIT = 2;  // times the rate: Verlet's step is stable up to it, and the midpoint rule's factor (1 - x/2)/(1 + x/2) of what decays is negative beyond
 const middle = (values) => values.sort((a, b) => a - b)[values.length >> 1];
 const traits = (s) => {
   const of = (key) => Object.entries(page.lenses.find((l) => l.key === key)?.cells || {}).filter(([, row]) => known(row[s])).map(([m, row]) => [row[s], m]);
   const [least, first] = of("step").sort((a, b) => a[0] - b[0])[0] || [], wrong = middle(of("coarse").map(([v]) => v)), own = scenes[s]?.dt;
+  const [decays, turns] = (scenes[s]?.rates || []).map((rate) => rate * own);
   const more = Object.values(page.dots[s] || {})[0]?.map(([law]) => law).filter((law) => !["energy", "entropy"].includes(law)) || [];
-  return { stiff: known(least) && !(least >= own), hot: wrong > COARSE, said: [
-    known(least) ? `the first method to fail, ${first}, fails above h = ${number(least, 2)}; its own step is ${number(own)}` : "no method has a limit of its step",
+  return { stiff: turns > LIMIT || (known(least) && !(least >= own)), hot: known(decays) ? decays > LIMIT : null, said: [
+    known(decays) ? `its own step, ${number(own)}, holds ${number(decays, 2)} decay times of what decays fastest, and ${number(turns, 2)} radians of the fastest vibration` : "",
+    known(least) ? `the first method to fail, ${first}, fails above h = ${number(least, 2)}` : "no method has a limit of its step",
     known(wrong) ? `at the coarsest step half of the methods are off by ${percent(wrong)} in the temperatures, or more` : "it has no temperatures to be wrong",
     more.length ? `${more.map(words).join(", ")} kept besides energy` : "nothing but energy is kept"] };
 };
 const KINDS = [["Fast vibrations limit the step", true], ["The motion itself is the fastest thing", false]];
-const HEAT = [["and heat flows, or friction acts, within a step", true], ["and heat flows slowly, or not at all", false]];
+const HEAT = [["and heat flows, or friction acts, within a step", true], ["and heat flows slowly, or not at all", false], ["and how fast heat flows is not told in this folder", null]];
 const likeView = async () => {
   const all = page.scenarios.map((s) => ({ s, ...traits(s) })), branch = (text, inside, of) => !of.length ? null : el("details", { open: true }, el("summary", {}, el("strong", {}, text), ` (${of.length})`), inside);
   $("like-page").replaceChildren(...KINDS.map(([text, stiff]) => [text, all.filter((t) => t.stiff === stiff)]).map(([text, of]) => branch(text,
     HEAT.map(([more, hot]) => [more, of.filter((t) => t.hot === hot)]).map(([more, leaves]) => branch(more, leaves.map(({ s, said }) => el("section", { class: "pair" },
       el("h3", {}, "Like ", el("a", { href: link({ scenario: s }) }, s), scenes[s] ? ` (${words(scenes[s].system)}${scenes[s].shows ? `: ${scenes[s].shows}` : ""})` : ""),
-      el("p", { class: "soft" }, `If: ${said.join("; ")}.`), answered(s))), leaves)), of)).filter(Boolean));
+      el("p", { class: "soft" }, `If: ${said.filter(Boolean).join("; ")}.`), answered(s))), leaves)), of)).filter(Boolean));
 };
