@@ -1,8 +1,7 @@
 """Taylor series where dissipation is not stiff, Gauss collocation where it is; both corrected to all laws.
 
 tc_auto changes between tc_taylor and tc_gauss_adaptive during a run, by the stiffness that it measures: the step length
-over the decay time of the conduction (of the fastest motion, on systems without elements). See march.py and
-docs/methods-explained.md.
+over the time of the fastest motion. See march.py and docs/methods-explained.md.
 """
 
 from tcbench import Integrator, hookimpl
@@ -13,9 +12,10 @@ from ..tc_taylor import SAFETY, best_of, order_of, refuses
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 FINER = 0.03  # of the tolerance, for tc_gauss: at equal ones its error is ten times that of tc_taylor
-COST, COST_OF_ORDER = 0.33, 0.062  # an explicit step of order p takes the time of so many iterations, and of so many p
+COST, COST_OF_ORDER = 0.33, 0.062  # of large systems: iterations that an explicit step of order p takes the time of
 # Microseconds on one machine, of which the ratio counts: of an explicit step and of an operation of its series; of a
-# node in an iteration and the square of the number of variables; of an iteration on vectors and that square.
+# node in an iteration and the square of the number of variables; of an iteration on vectors and the square of the
+# number of those that it solves for.
 STEP, STEP_OF_SERIES, NODE, NODE_OF_SQUARE = 0.06, 0.00065, 0.1, 0.0022
 VECTORS, VECTORS_OF_SQUARE = 0.18, 0.0018
 SOURCE = "Taylor series or Gauss collocation, whichever is cheaper (docs/methods-explained.md)"
@@ -64,11 +64,12 @@ class BothMethods:
 
 
 def step_in_iterations(gauss, taylor):
-    """Iterations that take the time of an explicit step: of elements by the order, of any system by what both do."""
-    if not gauss.work.general or gauss.work.large:  # of large systems the time of both goes with the size
+    """Iterations that take the time of an explicit step, by what both do."""
+    if gauss.work.large:  # of large systems the time of both goes with the size
         return COST + COST_OF_ORDER * taylor.work.order
-    n, vectors = taylor.size, gauss.work.n_lanes > 0
-    iteration = VECTORS + VECTORS_OF_SQUARE * n * n if vectors else gauss.stages * (NODE + NODE_OF_SQUARE * n * n)
+    n, own = taylor.size, gauss.work.n_own
+    on_vectors = VECTORS + VECTORS_OF_SQUARE * own * own
+    iteration = on_vectors if gauss.work.n_lanes > 0 else gauss.stages * (NODE + NODE_OF_SQUARE * n * n)
     return (STEP + STEP_OF_SERIES * taylor.series_time) / iteration
 
 

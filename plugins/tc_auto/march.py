@@ -13,22 +13,14 @@ from ..tc_gauss.memory import Work as Gauss
 from ..tc_taylor import march as taylor
 from ..tc_taylor.march import Work as Taylor
 
-# Explicit steps are measured in decay times of the conduction, of any system in those of its fastest motion.
+# Explicit steps are measured in times of the fastest motion.
 STABLE, STABLE_OF_ORDER = 2.0, 0.3  # those of order p that stability bounds: about so many, and so many p
 STIFF = 0.7  # of these: from here on stability bounds a step
-COVERED = 10.0  # decay times of an explicit step of any system on average: damped ones take up to 16, of any order
+COVERED = 10.0  # decay times of an explicit step on average: damped ones take up to 16, of any order
 PATIENCE, MORE = 8, 10  # stiff steps in a row before the other method is tried, and so many times as many each time
-DAMPED = 2.0  # explicit steps that a damped one, which may be four times as long, counts as: a trial is worth that much
-LONGER, LONGER_OF_ANY = 4.0, 10.0  # the first implicit step, over the last explicit one; of any system
-# Of elements: iterations that the implicit method may take beyond what explicit steps would, before it is left, and
-# those that all else of one of its steps takes the time of.
-OWED, BESIDE = 12.0, 4.0
-# And iterations that a trial takes the time of beside its steps, as its code is in no cache; the part of the time of
-# explicit steps from start to end that all trials may take.
-START, PART = 25.0, 0.12
-# Of any system: iterations that the explicit steps to the end must be worth for the other method to be tried, and the
-# part of them that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to
-# a most.
+LONGER = 10.0  # the first implicit step, over the last explicit one
+# Iterations that the explicit steps to the end must be worth for the other method to be tried, and the part of them
+# that a trial may owe; steps until the fastest motion is looked for, each time four times as many, up to a most.
 SHORT, SHARE, LEG, MOST_LEG = 80.0, 0.05, 16, 512
 # Where formulas jump so that no explicit step leads on: iterations over there, and how often, until a run is given up.
 OVER, MOST_OVER = 2048.0, 50
@@ -70,24 +62,17 @@ def steps(both: Both) -> int:
     e, g, worth = both.explicit, both.implicit, both.worth
     times, states = e.times, e.states
     taylor.begin(e, states[0])
-    e.trials.wait = 0 if g.general else taylor.NEVER
     g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
     if e.of_elements:
         gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
-    leg, left, busy, latest = LEG if g.general else 0, 0.0, 0.0, 0.0
-    longer = LONGER_OF_ANY if g.general else LONGER
-    paid, over, g.budget[3] = 0.0, 0, 0.0 if g.general else BESIDE
-    damped = g.general  # of elements once explicit steps go on where they are stiff: collocation begins from finer ones
-    turns, settled = TURNS if g.general else gauss.TURNS, SETTLED if g.general else gauss.TURNS - 1
+    leg, left, busy, latest, over = LEG, 0.0, 0.0, 0.0, 0
     while row < len(times):
         if explicit:
             steps_before = e.counts.steps
-            if patience > PATIENCE and not damped:
-                damped, e.trials.wait = True, 0
-            short = g.general and left < SHORT  # which is left to explicit steps
-            rate = 1e-300 if short else gauss.decay_rate(g, turns, settled)
+            short = left < SHORT  # which is left to explicit steps
+            rate = 1e-300 if short else max(gauss.rate_of(g, g.z, TURNS, SETTLED), 1e-300)
             most = STIFF * stable / rate
             few = 1 if latest > most else patience  # those of the leg before were stiff
             row, t, h = taylor.advance(e, times, both.tolerance, states, row, t, most, few, leg)
@@ -96,41 +81,28 @@ def steps(both: Both) -> int:
             latest = 0.0
             look(e, g)
             busy = 1.0 / max(h, 1e-300)
-            if not g.general:  # as long as stability allows, or damped
-                busy = min(rate / stable, DAMPED * busy)
-                h = min(h, stable / rate) if damped else h
             left = worth * busy * (times[len(times) - 1] - t)
-            if e.counts.steps - steps_before < leg or not g.general:
+            if e.counts.steps - steps_before < leg:
                 patience *= MORE
-            if g.general and h > 0.0 and (left < SHORT or e.counts.steps - steps_before >= leg):
+            if h > 0.0 and (left < SHORT or e.counts.steps - steps_before >= leg):
                 leg, latest = min(4 * leg, MOST_LEG), h
                 continue
-            if not g.general and h > 0.0 and paid + START > PART * worth * busy * (times[len(times) - 1] - times[0]):
-                given_up = False
-                continue
-            if g.general and not short:  # this step may be short for another reason, which passes
+            if not short:  # this step may be short for another reason, which passes
                 busy = min(busy, rate / COVERED)
                 left = worth * busy * (times[len(times) - 1] - t)
             go_over(e, g)
         else:
-            g.budget[0] = worth * busy
-            g.budget[1] = math.inf if given_up else SHARE * left if g.general else OWED
+            g.budget.worth = worth * busy
+            g.budget.most = math.inf if given_up else SHARE * left
             if given_up and e.n_kinks > 0:
-                g.budget[0], g.budget[1], over = 0.0, OVER, over + 1
-            since, before = t, taken(g)
-            row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, longer * h)
-            paid += START + taken(g) - before - worth * busy * (t - since)
+                g.budget.worth, g.budget.most, over = 0.0, OVER, over + 1
+            row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, LONGER * h)
             keep_laws(e, g)
         if (h == 0.0 and given_up) or over > MOST_OVER:
             return row
         given_up = h == 0.0
         explicit = not explicit
     return row
-
-
-def taken(g: Gauss) -> float:
-    """What the implicit method has taken so far, in iterations."""
-    return g.counts.iterations + g.budget[3] * (g.counts.steps + g.counts.rejected)
 
 
 @rare
@@ -142,12 +114,11 @@ def look(e: Taylor, g: Gauss) -> None:
 
 @rare
 def go_over(e: Taylor, g: Gauss) -> None:
-    """The implicit method on from there; of any system to the other's laws, which stand alike after the state."""
+    """The implicit method on from there, to the other's laws; of elements those of the start are there already."""
     gauss.go_to(g, g.here)
-    if g.general and e.of_elements:  # many of them: to the laws of the start, which stand elsewhere
-        g.laws[e.size + 1] = e.target[e.size + 1]
-    elif g.general:
-        g.run[0] = e.target[e.size]
+    if e.of_elements:
+        g.least_entropy[0] = e.target[e.size + 1]
+    else:
         copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
 
 
@@ -160,7 +131,7 @@ def keep_laws(e: Taylor, g: Gauss) -> None:
         return
     e.target[e.size] = g.run[0]
     for i in range(len(e.target) - e.size - 2):
-        e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i if g.general else e.size + 2 + i]
+        e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i]
 
 
 LOOPS = Library("auto", run)

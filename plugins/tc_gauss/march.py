@@ -7,11 +7,10 @@ import math
 from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from tcbench.compiler.library import Library
 from tcbench.compiler.looks import to_end
-from tcbench.solver.linear_algebra import add_compensated, dot
+from tcbench.solver.linear_algebra import add_compensated
 
-from . import conduction, sparse
 from .memory import LONG, Work
-from .step import COARSE, CONVERGED, FAILED, SOLVED, extrapolate, mend, try_step
+from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, damp, extrapolate, mend, rate_of, try_step
 
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
@@ -24,52 +23,23 @@ RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, an
 FREE = (
     0.33  # of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
 )
-FIRST = 4.0  # times the decay time of the conduction: see first_step
+FIRST = 4.0  # times the fastest decay time: see first_step
+# An initial layer: its size, and the decay times in a step, from which on it is divided; the first part, in these.
+LAYER, FAST, DECAYS = 1e-2, 4.0, 0.5
 TURNS = 12  # of the power method that finds it
 LEVELLED = 100.0  # times what the energy misses, by which part mending may move a state: it waits where that rests
-MISSED = 4.0  # times a step's round-off: what mending any system leaves (solver.mending.ROUND_OFF)
 COARSEST = 0  # level of quadrature
 SAVED = 40.0  # iterations that may be saved up, of a budget: see advance
 FAR = 2.5  # ratio of steps up to which the last polynomials are extrapolated
 
 
-def defect(w: Work, h: float, known: Floats, here: int) -> float:
-    """The largest defect of the derivative's polynomial where the rates are known; stiff parts are damped by the flow.
-
-    here: where the polynomial's rates stand in `sums`.
-    """
-    n, e = w.n, w.e
-    decay = w.decay[0]
-    force, stiff = 0.0, 0.0
-    for i in range(n):
-        force += (w.sums[here + i] - known[i]) ** 2
-    largest = math.sqrt(force) * w.scale[0]
-    if w.stiff[2] > 0.0 or w.general:
-        for i in range(e):
-            w.defects[i] = w.sums[here + n + i] - known[n + i]
-        if w.stiff[2] > 0.0:
-            conduction.damp(w, w.defects)
-        for i in range(e):
-            r = abs(w.defects[i]) * (w.inverse_sizes[i] if w.general else 1.0 / w.least_s)
-            largest = r if r > largest or r != r else largest
-        return largest
-    for i in range(e):
-        stiff += w.start_v[i] * (w.sums[here + n + i] - known[n + i])
-    stiff = stiff / decay if decay < 0.0 else 0.0
-    for i in range(e):
-        part = w.start_u[i] * stiff
-        r = (abs(w.sums[here + n + i] - known[n + i] - part) + abs(part) / (1.0 - h * decay)) / w.least_s
-        largest = r if r > largest or r != r else largest
-    return largest
-
-
-def largest_defect(w: Work) -> float:
-    """Of `defect` at both ends, on vectors."""
+def largest_defect(w: Work, h: float) -> float:
+    """Of the derivative's polynomial where the rates are known, at both ends; stiff parts are damped by the flow."""
     m, largest = w.m, 0.0
     for i in range(m):
         w.sides[i, 0], w.sides[i, 1] = w.sums[m + i] - w.start[i], w.sums[2 * m + i] - w.end[i]
-    if w.stiff[2] > 0.0:
-        call(w.to_damp, w.factors, w.c, w.sides)
+    if w.solve.stiff:
+        damp(w, h)
     for i in range(m):
         for side in range(2):
             r = abs(w.sides[i, side]) * w.inverse_sizes[i]
@@ -77,22 +47,12 @@ def largest_defect(w: Work) -> float:
     return largest
 
 
-def error_estimate(w: Work, h: float) -> float:
-    """h times the largest defect at both ends; NaN stays."""
-    if w.n_lanes > 0:
-        return h * largest_defect(w)
-    if w.stiff[2] > 0.0:
-        sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
-    before, after = defect(w, h, w.start, w.n + w.m), defect(w, h, w.end, w.n + 2 * w.m)
-    return h * (after if not after <= before else before)
-
-
 @rare
 def has_kink(w: Work, h: float) -> bool:
-    """Have rates a kink in this step? Of a system of elements as far as its ends tell, else from node to node."""
+    """Have rates a kink in this step, from node to node?"""
     a, before, here = w.numbers, w.start, 0
     x = 0.0
-    for j in range(w.k if w.general else 0):
+    for j in range(w.k):
         for i in range(w.m):
             total = 0.0
             for l in range(w.k):
@@ -123,29 +83,45 @@ def turns(w: Work, before: Floats, after: Floats, h: float) -> bool:
     return False
 
 
-def set_scale(w: Work, z: Floats) -> None:
-    """Root mean squares of forces over a least one + that of momenta, which turn with the axes; entropies over one."""
-    p = z[w.n : 2 * w.n]
-    w.scale[0] = 1.0 / (math.sqrt(max(1, w.n)) * w.least_p + math.sqrt(dot(p, p)))
-    w.scale[1] = 1.0 / w.least_s
+@rare
+def first_part(w: Work, h: float) -> float:
+    """The part of a step that is as long as what decays fast takes, where it begins with an initial layer: off the slow
+    manifold (I - hM)^-1 leaves little of the rates. A power of 1/2; 1 of a state that is on it."""
+    before, after = 0.0, 0.0
+    for i in range(w.m):
+        w.sides[i, 0], w.sides[i, 1] = w.start[i], 0.0
+    damp(w, h)
+    for i in range(w.m):
+        if w.sides[i, 0] != w.start[i]:
+            before = max(before, abs(w.start[i]) * w.inverse_sizes[i])
+            after = max(after, abs(w.sides[i, 0]) * w.inverse_sizes[i])
+    part, layer = 1.0, before > FAST * after and abs(h) * after > LAYER
+    while layer and part * before > DECAYS * after and part > SHORTEST:
+        part *= 0.5
+    return part
 
 
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
-    """Increments of one step of length h; a step without a solution in reach is taken in halves.
+    """Increments of one step of length h. One without a solution in reach is taken in halves, and one that begins with
+    an initial layer in parts that grow as it decays.
 
     Misses of the quadrature that are round-off of a step may have one sign: where they have added up to more than that
     beside the energy of the run, it is mended.
     """
     z, carry = w.z, w.carry
-    w.budget[2] = math.inf
+    w.budget.limit = math.inf
     copy_into(z, z0)
     fill(dz_total, 0.0)
     fill(carry, 0.0)
     call(w.to_start, z, w.c, w.start)
     done, part = 0.0, 1.0
     while done < 1.0:
-        set_scale(w, z)
-        code = try_step(w, part * h, z, False, COARSEST, CONVERGED, part == 1.0)
+        begin_step(w, part * h, z)
+        if part == 1.0 and w.solve.stiff:
+            part = first_part(w, h)
+            if part < 1.0:
+                begin_step(w, part * h, z)
+        code = try_step(w, part * h, z, False, COARSEST, CONVERGED)
         if code != SOLVED:
             part *= 0.5
             w.counts.halved += 1
@@ -154,7 +130,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
             continue
         w.counts.steps += 1
         missing = abs(w.end_energy[0] - w.run[0])
-        if missing > w.end_energy[1] * (MISSED if w.general else 1.0):
+        if missing > w.miss[0]:
             restore_level(w, z, LEVELLED * missing / (w.least_energy + abs(w.run[0])))
         add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):
@@ -167,43 +143,28 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
 
 
 def restore_level(w: Work, z: Floats, limit: float) -> None:
-    """The end of a step that was solved, with the energy of the run."""
-    if w.general:  # its entropy is to be no less than at the start, nor than after the last of these
-        call(w.to_laws, z, w.c, w.now)
-        w.least_entropy[0] = max(w.least_entropy[0], w.now[w.m + 1])
+    """The end of a step that was solved, with the energy of the run, and an entropy that is no less than at the start,
+    nor than after the last of these."""
+    call(w.to_laws, z, w.c, w.now)
+    w.least_entropy[0] = max(w.least_entropy[0], w.now[w.m + 1])
     mend(w, limit)
 
 
 def first_step(w: Work, tolerance: float, whole: float) -> float:
-    """A length for the first step of a time: a part of the decay of the conduction, where that is far from its
-    equilibrium."""
-    n, e = w.n, w.e
+    """A length for the first step of a time: a part of the fastest decay, where rates are far from its equilibrium."""
     h = 0.5 * tolerance ** (1.0 / (w.k + 1)) * max(1.0, whole / LONG)
-    fastest = decay_rate(w, TURNS, TURNS - 1)
-    heat = 0.0
-    for i in range(n, n + e):
-        heat = max(heat, abs(w.start[i]) / w.least_s)
-    return min(h, FIRST * h / fastest) if heat > tolerance * fastest else h
-
-
-def remember_laws(w: Work, z: Floats) -> None:
-    """Note the energy and the invariants of a state, which the ends of all steps are given."""
-    n, size = w.n, len(z)
-    w.run[0] = w.start_energy[0]
-    if w.general:
-        call(w.to_laws, z, w.c, w.laws)
-        return
-    copy_into(w.laws, z)
-    call(w.to_mend, w.laws, w.c, w.mended)  # for the invariants of z, which stand last
-    for i in range(len(w.mended) - n - 1):
-        w.laws[size + 2 + i] = w.mended[n + 1 + i]
+    fastest = max(rate_of(w, w.z, TURNS, TURNS - 1), 1e-300)
+    largest = 0.0
+    for i in range(w.m):
+        largest = max(largest, abs(w.start[i]) * w.inverse_sizes[i])
+    return min(h, FIRST * h / fastest) if largest > tolerance * fastest else h
 
 
 def run(w: Work, tolerance: float, residual: float) -> int:
     """States at the times that the record has been lent, from the first state; SOLVED or FAILED. The steps are chosen
     so that the defect stays at the tolerance, and are solved to the residual."""
     begin(w, w.states[0])
-    w.budget[0], w.budget[1] = 0.0, math.inf
+    w.budget.worth, w.budget.most = 0.0, math.inf
     row, _, _ = advance(w, w.times, tolerance, residual, w.states, 1, w.times[0], 0.0)
     return SOLVED if row == len(w.times) else FAILED
 
@@ -212,7 +173,7 @@ def begin(w: Work, z: Floats) -> None:
     """A run from z: nothing spent, and energy and invariants of z as those to be kept."""
     w.counts.steps, w.counts.rejected, w.counts.iterations = 0, 0, 0
     go_to(w, z)
-    remember_laws(w, w.z)
+    call(w.to_laws, w.z, w.c, w.laws)
 
 
 def go_to(w: Work, z: Floats) -> None:
@@ -233,7 +194,7 @@ def advance(
     """
     k = w.k
     z, carry = w.z, w.carry
-    worth, most, owed, spent = w.budget[0], w.budget[1], 0.0, w.counts.iterations
+    worth, most, owed, spent = w.budget.worth, w.budget.most, 0.0, w.counts.iterations
     last, whole, turned = 0.0, times[len(times) - 1] - times[0], 0
     # what steps that began from the polynomials of others have shown to be too long, and too long for the coarsest
     # quadrature to keep the energy
@@ -242,7 +203,6 @@ def advance(
         while t < times[row] and owed <= most:
             if to_end(w.watch, t):
                 return row, t, 0.0
-            set_scale(w, z)
             if h == 0.0:
                 h = min(times[row] - t, first_step(w, tolerance, whole))
             left = times[row] - t
@@ -250,23 +210,24 @@ def advance(
             known = last > 0.0 and step <= FAR * last
             if known:
                 extrapolate(w, step / last)
-            w.budget[2] = spent + most - owed + worth * step
+            w.budget.limit = spent + most - owed + worth * step
+            begin_step(w, step, z)
             lowest = w.least_entropy[0]
-            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual, False)
-            owed += w.counts.iterations - spent + w.budget[3]
+            code = try_step(w, step, z, known, COARSEST + (step > roughest), residual)
+            owed += w.counts.iterations - spent
             spent = w.counts.iterations
             error, factor = 0.0, 0.0
             if code == SOLVED:
-                error = error_estimate(w, step)
+                error = step * largest_defect(w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
                 if w.n_kinks > 0 and has_kink(w, step):
                     turned += 1
                     error *= ACCEPT * tolerance * SOLVED_TO / residual * (1.0 + turned / ADD_UP)
                     factor = min(factor, SAFETY * math.sqrt(tolerance / max(error, 1e-300)))
-                factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.seen[0], 1e-3)))
+                factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.solve.contraction, 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1
-                w.least_entropy[0] = lowest  # of any system the entropy that the next step may not fall below
+                w.least_entropy[0] = lowest  # that the next step may not fall below
                 h = step * (HALF if code == FAILED else RETREAT if code == COARSE else max(SHRINK, factor))
                 longest = h if known else longest
                 copy_into(w.rates, w.kept)  # shorter, the next one is nearer to them
@@ -280,7 +241,7 @@ def advance(
             t = times[row] if step == left else t + step
             last = step
             h = max(h, step * factor) if step < h and factor >= 1.0 else step * min(GROW, factor)
-            roughest = step * RETREAT if step <= roughest and w.seen[1] > 0.0 else roughest * ADVANCE
+            roughest = step * RETREAT if step <= roughest and w.solve.level > 0 else roughest * ADVANCE
             longest *= max(ADVANCE, FREE * factor)
             h = min(h, longest)
             owed = max(-SAVED, owed - worth * step)
@@ -288,13 +249,6 @@ def advance(
             copy_into(states[row], z)
             row += 1
     return row, t, h
-
-
-def decay_rate(w: Work, turns: int, settled: int) -> float:
-    """Of the conduction at the start of the step, of any system of all: see `conduction.rate_of`. Never 0."""
-    if w.to_matrix == 0:
-        return max(-w.decay[0], 1e-300)
-    return max(conduction.rate_of(w, w.z, turns, settled), 1e-300)
 
 
 def fixed_steps(w: Work, h: float, z0: Floats, increments: Matrix) -> int:

@@ -20,17 +20,15 @@ from tcbench.solver.mending import mending_kernels
 from tcbench.systems.system import System
 
 from . import formulas
-from .any_system import any_formulas, lists_of, parts_of, rates_of, started
-from .any_vectors import vector_kernels
 from .sparse import of_pattern, sparse
+from .vectors import vector_kernels
 
 Floats = NDArray[np.float64]
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 FINEST = 1e-14  # of the residual: round-off is near
 SOLVED = 0  # see `step`
-MOST_NEWTON = 500  # unknowns of Newton's dense matrices; larger systems take a step that needs it in halves
-MOST_VARIABLES = 300  # of a system without elements
-VECTOR_KERNELS = ("to_iterate", "to_iterate_finer", "to_block", "to_extrapolate", "to_close")
+MOST_ELEMENTS = 32  # of a network traced as a whole: ten times as fast after a few seconds
+MOST_VARIABLES = 300  # of a system that is traced as a whole
 NAMES = ("to_start", "to_motion", "to_slopes", "to_forces", "to_laws", "to_mend", "to_hold")  # of large systems
 
 
@@ -41,8 +39,8 @@ class GaussMethod(Lending):
         self.loops, model = prepared(system, stages)
         self.stages, self.marches = stages, False
         self.counts = model.counts.again()
-        own = {"sparse": model.sparse.again(), "c": model.c.copy()}  # the first of c is the step
-        self.lend_to(model.again(counts=self.counts, **own), system)
+        own = {name: getattr(model, name).again() for name in ("sparse", "budget", "solve")}
+        self.lend_to(model.again(counts=self.counts, c=model.c.copy(), **own), system)  # the first of c is the step
 
     def march(self, z: Floats, h: float, count: int) -> Floats:
         """Increments of up to `count` steps, as many as have a solution; ArithmeticError where the first has none.
@@ -90,68 +88,38 @@ def held(k: int, tolerance: float) -> tuple[float, float]:
 def prepared(system: System, k: int) -> tuple[Any, Any]:
     """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
-    from .memory import Counts, Work
+    from .memory import Budget, Counts, Solve, Work
 
     numbers = formulas.coefficients(k)
     n_factors = numbers.pairs + 1
-    by_elements = system.defines("element_energy")
-    whole = system.multipliers or (by_elements and system.n_elements <= formulas.MOST_ELEMENTS)
-    if system.large and not whole:
-        found = of_arrays(system, n_factors)
-    else:
-        pattern, found = (of_elements if by_elements else of_any_system)(system, k)
-        found["sparse"] = of_pattern(pattern, n_factors)
-    least = dict(zip(("least_p", "least_s"), system.least[1:3] if by_elements else (1.0, 1.0), strict=True))
-    least["least_energy"] = system.least_energy
-    return LOOPS, Work(k=k, numbers=numbers, counts=Counts(), rows=1, n_factors=n_factors, **least, **found)
+    whole = system.multipliers or 0 < getattr(system, "n_elements", 0) <= MOST_ELEMENTS
+    found = of_arrays(system, n_factors) if system.large and not whole else of_numbers(system, k, n_factors)
+    own = {"counts": Counts(), "budget": Budget(), "solve": Solve(), "least_energy": system.least_energy}
+    return LOOPS, Work(k=k, m=system.size, numbers=numbers, rows=1, n_factors=n_factors, **own, **found)
 
 
-def of_elements(system: System, k: int) -> tuple[Any, dict[str, Any]]:
-    """The pattern of the matrix, and the fields of a record, for springs and their like."""
-    symbolic = system.symbolic
-    made = formulas.formulas(symbolic)
-    scalar, matrix = made.kernels[:5], made.kernels[5:]
-    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_mend", "to_matrix", *VECTOR_KERNELS)
-    addresses = [*(x.address for x in scalar), matrix[0].address if matrix else 0, *formulas.on_vectors(symbolic, k)]
-    n, e = symbolic.n_positions, symbolic.n_elements
-    return made.pattern, {
-        "n": n, "e": e, "m": n + e, "n_matrix": e if matrix else 0, **constants(system, made),
-        "inverse_mass": 1.0 / (np.asarray(system.inertia(), dtype=float) * np.ones(n)),
-        "n_lanes": 0, "n_kinks": made.n_kinks, "n_newton": k * (n + e) if k * (n + e) <= MOST_NEWTON else 0,
-        "n_ends": scalar[0].size,
-        "n_nodes": 2 * (n + e), "n_carried": 2 * e, "n_slopes": 2 * e, "n_positive": e, "n_mended": scalar[-1].size,
-        "n_laws": n + e + 1 + scalar[-1].size, **dict(zip(names, addresses, strict=True)),
-    }  # fmt: skip
-
-
-def of_any_system(system: System, k: int) -> tuple[Any, dict[str, Any]]:
-    """The same for any system, all of whose variables stand in the place of entropies."""
+def of_numbers(system: System, k: int, n_factors: int) -> dict[str, Any]:
+    """The fields of a record for a system whose formulas are written out."""
     size = system.size
     if size > MOST_VARIABLES:
         raise TcbenchError(
             f"tc_gauss solves for all variables at once, by formulas that are written out: {size} are too many for it "
             f"(at most {MOST_VARIABLES}). Declare its spaces (docs/add-system.md), or take tc_monolithic."
         )
-    made, (laws, mend, hold) = any_formulas(system.symbolic)
+    made = formulas.formulas(system.symbolic)
     carried, projected = map(len, made.bodies[2])
-    names = ("to_start", "to_motion", "to_slopes", "to_forces", "to_matrix", "to_laws", "to_mend", "to_hold")
-    addresses = [x.address for x in (*made.kernels, laws, mend, hold)]
     on_vectors = vector_kernels(system.symbolic, k)
-    return made.pattern, {
-        "general": True, **dict.fromkeys(("n", "n_newton", "n_positive"), 0), **on_vectors, "n_kinks": made.n_kinks,
-        "n_lanes": size if on_vectors["to_factor"] else 0,
-        **dict.fromkeys(("e", "m", "n_matrix"), size), **constants(system, made),
-        "n_ends": made.kernels[0].size, "n_nodes": 2 * size + projected, "n_carried": carried,
-        "n_slopes": projected, "n_laws": laws.size, "n_mended": mend.size,
-        **dict(zip(names, addresses, strict=True)),
-        **dict(zip(VECTOR_KERNELS[3:], formulas.sums_on_vectors(k, 0, size), strict=True)),
-    }  # fmt: skip
-
-
-def constants(system: System, made: Any) -> dict[str, Any]:
-    """The system's, and what its formulas make of them."""
+    n_lanes = size if on_vectors["to_factor"] else 0
     c = np.concatenate([system.constant_values, made.setup(system.constant_values, system.constant_values)])
-    return {"c": c, "n_constants": len(c)}
+    return {
+        "sparse": of_pattern(made.pattern, n_factors), "c": c, "n_constants": len(c), "n_kinks": made.n_kinks,
+        "n_lanes": n_lanes, "n_own": len(made.own) if n_lanes else 0,
+        "acts": np.isin(np.arange(n_lanes), made.own).astype(float),
+        "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
+        "n_ends": made.kernels[0].size, "n_laws": made.kernels[5].size, "n_mended": made.kernels[6].size,
+        **dict(zip((*NAMES[:4], "to_matrix", *NAMES[4:]), (x.address for x in made.kernels), strict=True)),
+        **on_vectors,
+    }  # fmt: skip
 
 
 # large systems, traced on arrays --------------------------------------------------------------------------------------
@@ -174,15 +142,15 @@ def array_formulas(net: Any) -> ArrayFormulas:
     """Those of all systems of one kind, by their `by_arrays`."""
     with trace.tracing():
         z, K = net.fresh_state("z"), net.fresh_state("K")
-        parts = parts_of(net, z, K)
-        y, start, motion, slopes, means = lists_of(parts)
+        parts = formulas.parts_of(net, z, K)
+        y, start, motion, slopes, means = formulas.lists_of(parts)
         at_node, carried, projected = [*net.blocks(K), *net.blocks(z)], alone(y), alone(means)
         kinks = formulas.kink_blocks(formulas.kinks_of(entries(net.vector_field(z)), entries(z)))
         bodies = [
-            (net.blocks(z), [*net.blocks(started(net, z)), *alone(start, y), *kinks]),
+            (net.blocks(z), [*net.blocks(formulas.started(net, z)), *alone(start, y), *kinks]),
             (at_node, alone(motion, y)),
             (carried, alone(slopes, means)),
-            ([*at_node, *projected], net.blocks(rates_of(net, z, parts))),
+            ([*at_node, *projected], net.blocks(formulas.rates_of(net, z, parts))),
         ]
         made = [array_kernel({"a": inputs, "b": net.constant_blocks()}, outputs) for inputs, outputs in bodies]
         return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, kinks, *_matrix(net, z, K))
@@ -209,8 +177,7 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1).address
     carried, projected, kinks = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected, made.kinks))
     return {
-        "general": True, "large": True, **dict.fromkeys(("n", "n_newton", "n_lanes", "n_positive"), 0),
-        **dict.fromkeys(("e", "m", "n_matrix"), size), "sparse": matrix, "n_kinks": kinks,
+        "large": True, "sparse": matrix, "n_kinks": kinks, "n_lanes": 0, "n_own": 0,
         "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,

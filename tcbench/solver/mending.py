@@ -149,7 +149,7 @@ def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     targets = [told[GIVEN_ENERGY], *told[INVARIANTS::2], told[LEAST_ENTROPY]]
     allowed = [told[ENERGY_MISS], *told[INVARIANTS + 1 :: 2], told[ENTROPY_MISS]]
     misses = [target - f for target, f in zip(targets, values, strict=True)]
-    own = [ROUND_OFF * abs(slope * z).sum() for slope in slopes]  # of z's own rounding
+    own = [ROUND_OFF / 2 * abs(slope * z).sum() for slope in slopes]  # of z's own rounding
     margins = [a + b - abs(m) for a, b, m in zip(allowed[:-1], own, misses, strict=False)]
     positive = map(trace.lifted, [*margins, *entries(system.temperatures(z), system.shapes(z))])
     good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))

@@ -44,7 +44,7 @@ def run(method, scenario, tolerance=1e-2):
 
 
 class Squared(Pendulum):
-    """A pendulum whose invariant is quadratic in the momenta: it can't be mended."""
+    """A pendulum whose invariant is quadratic in the momenta."""
 
     name = "squared"
 
@@ -52,13 +52,11 @@ class Squared(Pendulum):
         return {"square": super().invariants(q, p)["angular_momentum"] ** 2}
 
 
-def test_invariants_that_cannot_be_mended_are_kept_by_convergence():
+def test_invariants_that_are_not_linear_are_mended():
     scenario = SCENARIOS["bound_equilibrium"]
     system = Squared(**{name: getattr(scenario.model, name) for name in Squared.constants})
-    method = GaussMethod(system, 5)
-    energy, momentum, entropy, iterations = run(method, scenario)
+    energy, momentum, entropy, _ = run(GaussMethod(system, 5), scenario)
     assert energy <= 1e-12 and momentum <= 1e-12 and entropy >= -1e-13
-    assert iterations > 1.5 * run(GaussMethod(scenario.model, 5), scenario)[3]
 
 
 def test_an_energy_that_is_right_to_round_off_is_left_alone():
@@ -75,6 +73,6 @@ def test_masses_that_nearly_collide_leave_no_energy_behind():
         positions=[1, 0, 2, 0], momenta=np.zeros(4), temperatures=[150, 212], name="fall"
     )
     system = scenario.model
-    states, _ = GaussMethod(system, 5).adaptive(scenario.z0, np.linspace(0.0, 3.0, 7), 1e-12)
+    states, _ = GaussMethod(system, 5).adaptive(scenario.z0, np.linspace(0.0, 3.0, 7), 1e-10)
     E = np.array([system.energy(z) for z in states])
     assert np.abs(E - E[0]).max() <= 1e-12 * abs(E[0])

@@ -6,7 +6,8 @@ from collocation import matrix_of
 from laws import assert_laws
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
-from tcbench_plugins.tc_gauss import conduction, formulas, sparse
+from tcbench_plugins.tc_gauss import method as methods
+from tcbench_plugins.tc_gauss import sparse, step
 from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
@@ -16,17 +17,12 @@ from tcbench.systems import traced
 from ..helpers.networks import NETWORKS
 
 
-def forget():
-    for function in (formulas.formulas, formulas.iteration, formulas.on_vectors, prepared):
-        function.cache_clear()
-
-
 @pytest.fixture
 def afresh():
-    """Formulas are made anew."""
-    forget()
+    """Methods are set up anew."""
+    prepared.cache_clear()
     yield
-    forget()
+    prepared.cache_clear()
 
 
 def large(scenario):
@@ -37,8 +33,8 @@ def large(scenario):
 def test_states_of_springs_are_those_of_the_whole_trace(method, afresh, monkeypatch):
     settings, runs = {"tolerance": 1e-8} if "adaptive" in method else {"dt": 0.05}, []
     for most in (1, 32):
-        monkeypatch.setattr(formulas, "MOST_ELEMENTS", most)
-        forget()
+        monkeypatch.setattr(methods, "MOST_ELEMENTS", most)
+        prepared.cache_clear()
         scenario = chain(6).replace(t_end=0.5)
         assert large(scenario) == (most == 1)
         runs.append(tcbench.simulate(method, scenario, **settings))
@@ -62,13 +58,13 @@ def test_states_of_any_system_are_those_of_the_whole_trace(name, monkeypatch):
 @pytest.mark.parametrize("name", NETWORKS)
 def test_matrix_and_factors_are_those_of_differences(name):
     scenario = NETWORKS[name]
-    model, z, step = scenario.model, scenario.z0, 1e-5
+    model, z, eps = scenario.model, scenario.z0, 1e-5
     n, w = model.size, GaussMethod(model, 2).work
-    conduction.set_matrix(w, z)
+    step.set_matrix(w, z)
     s, whole = w.sparse, -matrix_of(w)
     M = whole[:n, n:] @ np.linalg.solve(whole[n:, n:], whole[n:, :n]) - whole[:n, :n]  # without the shared numbers
-    field = model.vector_field(np.concatenate([z + step * np.eye(n), z - step * np.eye(n)]))
-    differences = (field[:n] - field[n:]).T / (2 * step)
+    field = model.vector_field(np.concatenate([z + eps * np.eye(n), z - eps * np.eye(n)]))
+    differences = (field[:n] - field[n:]).T / (2 * eps)
     assert np.abs(M - differences).max() < 2e-9 * np.abs(M).max()
     right = np.random.default_rng(0).normal(size=(2, n))
     x, y = right.copy()
@@ -85,38 +81,22 @@ def stiff_net(times=1e4):
     return scenario.replace(conductivity=times * scenario.constants["conductivity"], t_end=5.0)
 
 
-def test_the_matrix_of_springs_is_that_of_their_conduction():
-    scenario = stiff_net()
-    model, w = scenario.model, GaussMethod(scenario.model, 3).work
-    conduction.set_matrix(w, scenario.z0)
-    matrix, heat, step = matrix_of(w), slice(2 * model.n_positions, None), 1e-5 * np.eye(model.size)
-    field = model.vector_field(np.concatenate([scenario.z0 + step[heat], scenario.z0 - step[heat]]))[:, heat]
-    slopes = (field[: model.n_elements] - field[model.n_elements :]).T / 2e-5
-    assert np.abs(matrix - slopes).max() < 1e-6 * np.abs(slopes).max()
-    exact = np.abs(np.linalg.eigvals(matrix)).max()
-    assert 0.8 * exact < conduction.rate_of(w, scenario.z0, 12, 11) < 1.01 * exact
-
-
 @pytest.mark.parametrize("k", [1, 3])
 def test_corrections_solve_the_linear_system_of_all_stages(k):
     scenario, h = stiff_net(), 0.1
     w = GaussMethod(scenario.model, k).work
-    n, e = w.n, w.e
-    conduction.prepare(w, h, scenario.z0)
-    assert w.stiff[2] == 1.0
-    before, new = np.random.default_rng(k).normal(size=(2, e, k))
-    w.U[n:, :k] = before
-    conduction.keep(w)
-    w.U[n:, :k] = 7.0  # what an iteration leaves there does not count
-    w.N[n:, :k] = new
-    conduction.correct(w)
-    whole = np.eye(e * k) - h * np.kron(matrix_of(w), w.numbers.A)
-    expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(e, k)
-    assert np.abs(w.U[n:, :k] - expected).max() < 1e-10
-    defects = new[:, 0].copy()
-    sparse.factor(w.sparse, w.numbers.pairs, h, 0.0)
-    conduction.damp(w, defects)
-    assert np.abs(defects - np.linalg.solve(np.eye(e) - h * matrix_of(w), new[:, 0])).max() < 1e-12
+    m, w.n_lanes = w.m, 0
+    step.prepare(w, h, scenario.z0)
+    assert w.solve.stiff
+    before, new = np.random.default_rng(k).normal(size=(2, m, k))
+    w.before[:], w.N[:, :k] = before, new
+    step.solve_stages(w)
+    whole = np.eye(m * k) - h * np.kron(matrix_of(w), w.numbers.A)
+    expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(m, k)
+    assert np.abs(w.U[:, :k] - expected).max() < 1e-9 * np.abs(expected).max()
+    w.sides[:, :2] = new[:, [0, -1]]
+    step.damp(w, h)
+    assert np.abs(w.sides[:, :2] - np.linalg.solve(np.eye(m) - h * matrix_of(w), new[:, [0, -1]])).max() < 1e-9
 
 
 NET = net(6, 6).replace(t_end=0.4)

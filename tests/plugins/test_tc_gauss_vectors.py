@@ -8,8 +8,8 @@ from collocation import matrix_of
 from hypothesis import given
 from hypothesis import strategies as st
 from random_laws import random_start
-from tcbench_plugins.tc_gauss.formulas import coefficients
-from tcbench_plugins.tc_gauss.method import VECTOR_KERNELS, GaussMethod
+from tcbench_plugins.tc_gauss.formulas import formulas
+from tcbench_plugins.tc_gauss.method import GaussMethod
 
 import tcbench
 from tcbench.compiler import language
@@ -69,56 +69,29 @@ def test_reductions(x, where, broken):
     np.testing.assert_array_equal(few, [*x[:3], *[0.0] * (WIDTH - 3)])
 
 
-def scalar(method):
-    """The same method with its kernels on vectors taken away."""
-    for name in VECTOR_KERNELS:
-        setattr(method.work, name, 0)
-    return method
+CASES = [("stiff_spring", 1, 1), ("short_term", 1, 3), ("gas_containers", 1, 2), ("stiff_spring", 1, 6),
+         ("heavy_top", 1000, 1), ("reaction", 1000, 4)]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("scenario", "k"), [("stiff_spring", 1), ("short_term", 3), ("gas_containers", 2), ("stiff_spring", 6)]
-)
-def test_a_step_on_vectors_is_the_scalar_step(scenario, k):
-    scenario = tcbench.scenarios()[scenario]
-    fast, slow = GaussMethod(scenario.model, k), scalar(GaussMethod(scenario.model, k))
-    assert fast.work.to_iterate != 0
-    h = scenario.dt / 4
-    dz, same = fast.increments(scenario.z0, h).copy(), slow.increments(scenario.z0, h)
-    np.testing.assert_allclose(dz, same, rtol=0, atol=1e-13 * max(1.0, np.abs(same).max()))
-    for name in ("V", "N"):
-        np.testing.assert_allclose(
-            getattr(fast.work, name)[:, :k], getattr(slow.work, name)[:, :k], rtol=1e-11, atol=1e-11
-        )
-    identity, h_A = np.eye(k), h * coefficients(k).A
-    block = np.linalg.solve(identity - slow.work.stiff[1] * h_A, h_A)
-    for method in (fast, slow):
-        np.testing.assert_allclose(method.work.columns[:, :k].T, block, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(fast.work.sums, slow.work.sums, rtol=1e-10, atol=1e-11)
-
-
-@pytest.mark.parametrize("scenario", ["stiff_spring", "gas_containers"])
-def test_adaptive_runs_on_vectors_follow_the_scalar_ones(scenario):
-    scenario = tcbench.scenarios()[scenario]
-    fast, slow = GaussMethod(scenario.model, 5), scalar(GaussMethod(scenario.model, 5))
-    times = np.array([0.0, 1.0, 2.0])
-    (states, counts), (same, expected) = (m.adaptive(scenario.z0, times, 1e-9) for m in (fast, slow))
-    np.testing.assert_allclose(states, same, rtol=1e-9, atol=1e-9)
-    assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"]
-
-
-@pytest.mark.parametrize(("name", "times", "k"), [("heavy_top", 1000, 1), ("reaction", 1000, 4)])
-def test_an_iteration_of_any_system_on_vectors_is_that_of_the_loops(name, times, k):
-    scenario = random_start(name, 0, times)
+@pytest.mark.parametrize(("name", "times", "k"), CASES)
+def test_a_step_on_vectors_is_that_of_the_loops(name, times, k):
+    """There positions are iterated, too, and the whole Jacobian is solved for."""
+    scenario = random_start(name, 0, times) if times > 1 else tcbench.scenarios()[name]
     fast, slow = GaussMethod(scenario.model, k), GaussMethod(scenario.model, k)
     assert fast.work.n_lanes == scenario.model.size
     slow.work.n_lanes = 0
     evaluate(slow.work.to_matrix, scenario.z0, slow.work.c, slow.work.sparse.values)
     h = 0.2 / abs(np.linalg.eigvals(matrix_of(slow.work))).max()
     dz, same = fast.increments(scenario.z0, h), slow.increments(scenario.z0, h)
-    assert fast.work.stiff[2] == 1.0 and fast.counts.halved == slow.counts.halved == 0
+    assert fast.counts.halved == slow.counts.halved == 0
     np.testing.assert_allclose(dz, same, rtol=0, atol=1e-12 * max(1.0, np.abs(same).max()))
     span = np.array([0.0, 16.0 * h])
     (states, counts), (same, expected) = (m.adaptive(scenario.z0, span, 1e-7) for m in (fast, slow))
-    np.testing.assert_allclose(states, same, rtol=1e-8, atol=1e-8)
-    assert abs(counts["newton_iterations"] - expected["newton_iterations"]) <= 0.1 * expected["newton_iterations"] + 2
+    np.testing.assert_allclose(states, same, rtol=1e-7, atol=1e-7)
+    assert counts["steps"] <= 1.5 * expected["steps"] + 2
+
+
+def test_what_iterations_on_vectors_solve_for():
+    """Positions are driven by momenta; entropies act back on themselves, momenta only by way of the positions."""
+    made = formulas(tcbench.scenarios()["short_term"].model.symbolic)
+    assert made.driven == [0, 1, 2, 3] and made.own == [8, 9]
