@@ -142,7 +142,8 @@ def of_cells(show: bool | None = None, remaining: Remaining | None = None) -> It
 
         def on_event(event: Event) -> None:
             nonlocal loud
-            meter.text, meter.done, meter.total = event.cell.study, event.done, event.total
+            first = "" if event.done else f": {event.cell.integrator} is compiled for {event.cell.scenario}"
+            meter.text, meter.done, meter.total = event.cell.study + first, event.done, event.total
             if event.row is not None and remaining is not None:
                 remaining.finished(event.cell, event.row)
             if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:

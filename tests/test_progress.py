@@ -205,8 +205,10 @@ def test_the_time_left_is_weighed_by_study_and_method_and_silent_about_the_unkno
 def test_the_line_of_a_run_has_the_time_left_when_there_is_ground(capsys, standing_clock):
     cells = [of("conservation", "quick", k) for k in range(40)]
     with progress.of_cells(True, Remaining(cells, 1)) as tell:
+        tell(Event("started", cells[0], None, 0, 0, 40, 1))
         until_drawn(2)
         first = capsys.readouterr().err
+        assert "quick is compiled for short_term, 0 of 40" in first
         tell(Event("finished", cells[0], {"status": "ok", "cell_time_s": 10.0}, 1, 0, 40, 1))
         until_drawn(2)
     assert " left" not in first and "1 of 40" in (line := capsys.readouterr().err) and "about 6 min 30 s left" in line
