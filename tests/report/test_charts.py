@@ -334,9 +334,17 @@ def test_the_best_of_each_family_lead(scenario):
     assert highlight.leaders(few, {})[scenario] == sorted(MANY[: highlight.CROWD])
 
 
+@pytest.fixture(scope="module")
+def many(tmp_path_factory):
+    """The folder of a run of many methods."""
+    names = ("work_precision", "conservation", "series")
+    tables = {name: TABLES[name] for name in (*names, "time_to_accuracy", "stability")}
+    return awkward.write_run(tmp_path_factory.mktemp("many") / "run", tables, (), DECLARED)
+
+
 @pytest.mark.parametrize("kind", ["work-precision", "conservation", "laws"])
-def test_a_picture_draws_those_in_their_colour_and_the_rest_in_grey(kind, tmp_path):
-    folder = awkward.write_run(tmp_path / "run", TABLES, (), DECLARED)
+def test_a_picture_draws_those_in_their_colour_and_the_rest_in_grey(kind, many):
+    folder = many
     figure = tcbench.draw(kind, folder, scenario="short_term")
     front, looks = highlight.leaders(TABLES, DECLARED)["short_term"], plot.run_looks(TABLES)
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
