@@ -36,6 +36,7 @@ ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
 LAST_DIGITS, SHAKEN = 4 * float(np.finfo(float).eps), 8  # by which states are moved, and how often, for what that does
 CLOSE, SECOND, AGREED = (1e-2, 1e-3), 1.9, 20  # distances; the power that is called 2; pairs of states
 SOLVED = 1e-12  # of a step: what a converged Newton iteration leaves, relative
+TINY = 1e-8  # of a state: how far it is moved to see how fast what must be positive changes
 EQUIVARIANT = 1e-9  # two solves of one step, in turned coordinates: round-off times the condition of the step
 SMALLEST = 1e-3  # energy that errors are measured against where a system has next to none
 ENOUGH = 0.9  # part of the random steps that must be solved for a verdict on them
@@ -185,12 +186,16 @@ def _relative(found: Any, exact: Any) -> float:
 
 def _agreement(model: System, sample: Sample) -> float:
     """The power of |z1 - z0| with which DE nears the gradient at the midpoint, the median of pairs: of some of them the
-    leading term nearly vanishes. 2 where both are equal."""
+    leading term nearly vanishes. 2 where both are equal. Distances are parts of a state and of what must be positive in
+    it: of a gas's cells, which are thin, a hundredth of a state is many."""
     powers = []
     for z, other in sample:
         gaps = []
+        way = (other - z) / np.linalg.norm((other - z) / np.maximum(1.0, np.abs(z)))
+        least, moved = (np.concatenate([model.temperatures(x), model.shapes(x)]) for x in (z, z + TINY * way))
+        way = way / max(1.0, float((np.abs(moved - least) / least).max(initial=0.0)) / TINY)
         for part in CLOSE:
-            z1 = model.state(z + part * (other - z) / np.linalg.norm((other - z) / np.maximum(1.0, np.abs(z))))
+            z1 = model.state(z + part * way)
             exact = np.asarray(model.gradient((z + z1) / 2))
             gaps.append(
                 float(np.linalg.norm(model.discrete_gradient(z, z1) - exact) / (np.linalg.norm(exact) + 1e-300))

@@ -7,7 +7,8 @@ from tcbench_plugins.continua.ring import ring
 from tcbench_plugins.continua.solid import l_block, solid
 
 import tcbench
-from tcbench import TcbenchError
+from tcbench import TcbenchError, plugins
+from tcbench.analysis.theorems import operators
 from tcbench.compiler.library import evaluate
 from tcbench.solver.array_flow import array_flow
 
@@ -112,6 +113,13 @@ def test_the_matrix_of_newton_is_that_of_differences_where_sums_are_unknowns_of_
     differences = np.einsum("k,jki->ij", [1, -8, 8, -1], moved) / 12e-3
     assert shared == len(scenario.constants["mass"])
     assert np.allclose(condensed, differences, atol=1e-11 * np.abs(differences).max())
+
+
+@pytest.mark.parametrize("name", ["gas_tube[n=100]", "rod[n=6]", "cahn_hilliard[n=5]"])
+def test_check_finds_the_conditions_of_continua_kept(name):
+    """Also of states with thin cells: a hundredth of such a state is many of their widths."""
+    rows = operators(tcbench.integrators()["tc_monolithic"], plugins.find_scenario(name))
+    assert not [row.claim for row in rows if not row.agrees and row.agrees is not None]
 
 
 def test_what_is_no_solid_is_refused_with_a_sentence():
