@@ -33,7 +33,6 @@ DAMPED = {
 }  # fmt: skip
 BOUND = 0.25  # ratio of the last terms of a series from which on a decay may be what bounds a step
 ALIKE = 0.8  # the square of the cosine between the last two coefficients of a decay
-MOST_ORDER = 16  # of elements: with more, steps that are damped are hardly longer, and err ten times as much
 LONGER = 1.5  # times the step that the series allows as it is: the trial takes half the time of a small system's step
 TRIES = 3  # lengths of one step
 SAFETY, SHORTER = 0.9, 0.3  # of the length that the estimate suggests; of the last one, the least that is tried next

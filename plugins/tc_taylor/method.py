@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,38 +11,22 @@ from numpy.typing import NDArray
 from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
-from tcbench.compiler.machine import has_fma, is_x86
 from tcbench.compiler.once import once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels as of_any
 
 from . import on_arrays
 from .mending import mending_kernels as of_elements
-from .orders import EFFORT, LEAST, ORDERS, is_long
+from .orders import EFFORT, LEAST, MOST_ORDER, ORDERS, is_long
 from .texts import series_kernels, slopes_kernel
 
 Floats = NDArray[np.float64]
+# Where a processor's first cache does not hold the code, every step waits for it: bytes of an operation, and of that
+# cache; nanoseconds of a step beside its code, and for each byte of code within the cache and beyond. Measured.
+BYTES, CACHE = 10.5, 31_000.0
+STEP, WITHIN, BEYOND = 100.0, 0.013, 0.020
+LINEAR = 6.0  # orders: sums other than Cauchy products, by 2 % on systems of 8 to 30 numbers
 SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
-
-
-class Code(NamedTuple):
-    """Where a processor's first cache does not hold the code, every step waits for it.
-
-    Bytes of an operation of the series and of the polynomial, and of that cache; nanoseconds of a step for a thousand
-    bytes within it and beyond. All are measured; the ratios of the latter count.
-    """
-
-    operation: float
-    of_polynomial: float
-    cache: float
-    within: float
-    beyond: float
-
-
-LINEAR = 6.0  # see `length`
-STEP = 100.0  # nanoseconds of a step beside its code
-# By whether there is fused multiply-add: without it and in vectors of two code is three times as long.
-CODES = {True: Code(10.5, 10.5, 31_000.0, 13.0, 20.0), False: Code(15.5, 75.0, 34_000.0, 4.5, 12.0)}
 
 
 class TaylorMethod(Lending):
@@ -98,36 +82,24 @@ class TaylorMethod(Lending):
 def taken(system: System, order: int) -> int:
     """The order to take in the place of this one, the best for a tolerance as far as operations go.
 
-    Of elements at most the last whose steps are damped. Of those whose code is too long for the first cache of an x86
+    Of elements at most the last whose steps are damped. Of those whose code is too long for the first cache of a
     processor the one that takes the least time, as steps are as long as (tolerance / 10)^(1 / order).
     """
-    most = order
-    if system.defines("element_energy"):
-        from .damping import MOST_ORDER
-
-        most = min(order, MOST_ORDER)
-    code = CODES[has_fma()]
-    if is_long(system) or not is_x86() or code_size(system, most, code) <= code.cache:
+    most = min(order, MOST_ORDER) if system.defines("element_energy") else order
+    if is_long(system):
         return most
-    digits = math.log(10.0) + (order - LEAST) / EFFORT
-    orders, size = [p for p in ORDERS if p <= most], code_size(system, most, code) / length(most)
-    return min(orders, key=lambda p: step_time(size * length(p), code) * math.exp(digits / p))
+    series, polynomial, *_ = kernels(system.symbolic, most)
+    size = BYTES * (operations(series) + operations(polynomial))
+    if size <= CACHE:
+        return most
 
+    def time(p: int) -> float:
+        """Of the steps that cover a time, up to a factor; code grows as Cauchy products and other sums."""
+        code = size * p * (p + LINEAR) / (most * (most + LINEAR))
+        step = STEP + WITHIN * code if code <= CACHE else BEYOND * code
+        return step * math.exp((math.log(10.0) + (order - LEAST) / EFFORT) / p)
 
-def length(order: int) -> float:
-    """Of the code of a series, up to a factor: Cauchy products and other sums, by 2 % on systems of 8 to 30 numbers."""
-    return order * (order + LINEAR)
-
-
-def code_size(system: System, order: int, code: Code) -> float:
-    """Bytes of what a step runs, about."""
-    series, polynomial, *_ = kernels(system.symbolic, order)
-    return code.operation * operations(series) + code.of_polynomial * operations(polynomial)
-
-
-def step_time(size: float, code: Code) -> float:
-    """Of a step whose code has so many bytes, nanoseconds on one machine."""
-    return STEP + code.within * size / 1e3 if size <= code.cache else code.beyond * size / 1e3
+    return min((p for p in ORDERS if p <= most), key=time)
 
 
 def operations(made: Kernel) -> int:
@@ -160,7 +132,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
         to_mend=mend.address, to_hold=hold.address,
         to_z=to_z.address, rows=1,
         counts=Counts(), trials=Trials(), course=Course(), **damping.sizes(system),
-        **damping.fields(order if order <= damping.MOST_ORDER or not elements else 0),
+        **damping.fields(order if order <= MOST_ORDER or not elements else 0),
     )  # fmt: skip
     return LOOPS, work, series_time
 

@@ -34,10 +34,9 @@ def rates(system: System) -> tuple[list[Series], list[Series]]:
 def shorter(sym: Any, y: Any) -> tuple[list[Series], list[Series]]:
     """The same by a system's `symbolic` or `by_arrays`, y a fresh state; in the normal form that takes least."""
     of = of_elements if sym.defines("element_energy") else of_any
-    plain, *others = (of(sym, y, form(entries(y))) for form in (Normal, Factored, Apart))
+    plain, factored = (of(sym, y, form(entries(y))) for form in (Normal, Factored))
     cost = operations if sym.by_array else products
-    best = min(others, key=cost)
-    return best if cost(best) < FEWER * cost(plain) else plain
+    return factored if cost(factored) < FEWER * cost(plain) else plain
 
 
 def operations(found: tuple[list[Series], list[Series]]) -> float:
@@ -128,15 +127,6 @@ class Factored(Normal):
                 key = self.merged(((self.series("quotient", whole), 1),), variables)
             changed = combined(changed, {key: weight}, ONE)
         return super().single(changed)
-
-
-class Apart(Normal):
-    """As `Normal`; of several terms over one denominator each is a quotient, as other rates have them, too."""
-
-    def over(self, above: Linear, below: Series) -> Linear:
-        return {
-            ((self.series("quotient", (self._sum({key: ONE}), below)), 1),): weight for key, weight in above.items()
-        }
 
 
 def degree(key: Monomial) -> int:

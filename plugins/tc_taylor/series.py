@@ -313,15 +313,12 @@ class Normal:
             groups.setdefault(below, {})[self.one_key((x, k) for x, k in key if k > 0)] = weight
         parts: Linear = groups.pop((), {})
         for below, above in groups.items():
-            parts = combined(parts, self.over(above, self._product(below)), ONE)
+            leading = next(iter(above.values()))  # multiples of a quotient are one series
+            leading = leading if leading.op == "const" else ONE
+            top = self._sum(scaled(above, trace.reciprocal(leading)))
+            key = ((self.series("quotient", (top, self._product(below))), 1),)
+            parts = combined(parts, {key: leading}, ONE)
         return self._sum(parts)
-
-    def over(self, above: Linear, below: Series) -> Linear:
-        """A sum over a product: multiples of a quotient are one series."""
-        leading = next(iter(above.values()))
-        leading = leading if leading.op == "const" else ONE
-        top = self._sum(scaled(above, trace.reciprocal(leading)))
-        return {((self.series("quotient", (top, below)), 1),): leading}
 
     def _sum(self, form: Linear) -> Series:
         if len(form) == 1:

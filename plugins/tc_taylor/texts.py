@@ -13,12 +13,11 @@ from tcbench.compiler.array_states import entries
 from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.kernels import Kernel
 
-from .lanes import WIDTH, Pack, kinks, reachable
+from .lanes import WIDTH, Pack, kinks
 from .rates import rates
 from .recurrences import Writer
 from .series import Series
 
-MOST_AHEAD = 16  # variables of systems whose coefficients may go ahead
 BESIDE = 2  # numbers between a state and its slopes: see `memory.Work.end`
 WORK = 0.2  # time of a product, over that of an operation which waits for the one before
 
@@ -34,40 +33,30 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
     """
     variables, rate = rates(system)
     size = system.size
-    ways = (False, True) if may_go_ahead(variables, rate) else (False,)
-    writer, stored = found = min((coefficients(variables, rate, order, first, way) for way in ways), key=time_of)
+    writer, stored = coefficients(variables, rate, order, first)
     for at, k in enumerate((order - 1, order)):
         stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
     turns = [writer.value((u,), k) or "0.0" for k in range(order + 1) for u in kinks(rate)]
     stored += [f"out[{(order + 1) * size + 2 + i}] = {turn}" for i, turn in enumerate(turns)]
     series = written([*writer.lines, *stored], (order + 1) * size + 2 + len(turns))
     field, more = rates_kernel(variables, rate, first + len(writer.given))
-    return series, polynomial_kernel(order, size), field, [*writer.given, *more], time_of(found)
+    return series, polynomial_kernel(order, size), field, [*writer.given, *more], time_of(writer)
 
 
 def rates_kernel(variables: list[Series], rate: list[Series], first: int) -> tuple[Kernel, list[Symbol]]:
     """A state and its rates, and constants: coefficients 0 and 1 of the same series."""
-    writer, stored = coefficients(variables, rate, 1, first, False)
+    writer, stored = coefficients(variables, rate, 1, first)
     return written([*writer.lines, *stored], 2 * len(variables)), writer.given
 
 
-def may_go_ahead(variables: list[Series], rate: list[Series]) -> bool:
-    """Is the newest coefficient of each series linear in that of the variables, and are these few?"""
-    every = reachable([*variables, *rate])
-    return len(variables) <= MOST_AHEAD and all(x.kind not in ("D", "atan2") for x in every)
-
-
-def coefficients(
-    variables: list[Series], rate: list[Series], order: int, first: int, ahead: bool
-) -> tuple[Writer, list[str]]:
-    """One way to write them all, and the lines that store those of the variables."""
-    writer = Writer(variables, dict(enumerate(rate)), first, ahead)
+def coefficients(variables: list[Series], rate: list[Series], order: int, first: int) -> tuple[Writer, list[str]]:
+    """All of them, and the lines that store those of the variables."""
+    writer = Writer(variables, dict(enumerate(rate)), first)
     return writer, [line for k in range(order + 1) for line in stores(writer, variables, k)]
 
 
-def time_of(found: tuple[Writer, list[str]]) -> float:
+def time_of(writer: Writer) -> float:
     """In operations that wait for each other: their longest chain, and what all products add."""
-    writer, _ = found
     return max(writer.ready.values()) + WORK * sum(line.count("*") for line in writer.lines)
 
 
