@@ -143,7 +143,7 @@ def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:
     needs_folder(path)
     mesh = mesh_of(run, table)
     if path.suffix in SUFFIXES:
-        return draw(run, mesh, path)
+        return draw(run, mesh, records(run, mesh), path)
     meshio = needed("meshio", "meshio")
     cells = [(mesh.kind, mesh.cells)]
     with writing(repr(str(path))):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,6 @@ from ..errors import writing
 from ..files import written
 
 if TYPE_CHECKING:
-    from .fields import Mesh
     from .trajectory import Trajectory
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -24,7 +24,7 @@ SIDE, ROOM = 3.6, 0.05  # inches of a state; the part of its size that is left a
 PLAIN = "#9db4c8"
 
 
-def outside(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def outside(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Corners (m, k) of the faces that one cell alone has, and whose they are (m,); of lines and surfaces the cells."""
     if mesh.kind not in FACES:
         return mesh.cells, np.arange(len(mesh.cells))
@@ -35,15 +35,13 @@ def outside(mesh: Mesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return faces[alone], owner[alone]
 
 
-def draw(run: Trajectory, mesh: Mesh, path: Path) -> Path:
-    """Write the picture: .png, .svg or .pdf."""
+def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path:
+    """Write the picture: .png, .svg or .pdf. records : as of `fields.records`, of every state."""
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    from .fields import records
-
     kept = sorted({0, len(run.t) // 2, len(run.t) - 1})
-    states = [state for k, state in enumerate(records(run, mesh)) if k in kept]
+    states = [state for k, state in enumerate(records) if k in kept]
     faces, owner = outside(mesh)
     heats = [_heat(on_points, on_cells, faces, owner) for _, _, on_points, on_cells in states]
     known: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
