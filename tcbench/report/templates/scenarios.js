@@ -130,6 +130,7 @@ const ranking = (name, wanted, work) => {
     ].filter(([key, , , get]) => page.methods.some((m) => known(get(m.name))) && (key !== "failed" || page.methods.some((m) => get(m.name) > 0)));
     const there = page.methods.filter((m) => columns.some(([key, , , get]) => key !== "failed" && get(m.name) !== undefined));
     if (!columns.some(([key]) => key === chosenIn.rank)) chosenIn.rank = ["time 1e-06", "time 0.001", "theta", "state", "laws"].find((k) => columns.some(([key]) => key === k)) || columns[0]?.[0];
+    if (!columns.length) { root.replaceChildren(empty("This run measured nothing by which methods can be ranked here; its tables are below.")); return; }
     const sorting = columns.find(([key]) => key === chosenIn.rank), tie = columns.find(([key]) => key === "theta" || key === "state");
     const size = (column, m) => { const v = column?.[3](m); return v === undefined ? Infinity : v === null ? 1e300 : v; };
     there.sort((a, b) => size(sorting, a.name) - size(sorting, b.name) || size(tie, a.name) - size(tie, b.name) || (a.name < b.name ? -1 : 1));
@@ -185,7 +186,7 @@ const scenarios = async (place) => {
   if (!name) { root.replaceChildren(empty("This run has no scenario.")); return; }
   const order = (r) => `${method[r.name]?.family ?? 4}${r.name}`;
   const runs = (await runsOf(name)).sort((a, b) => (order(a) < order(b) ? -1 : 1)), names = runs.map((r) => r.name);
-  const work = rows(await table("work_precision"), { scenario: name }), speeds = await panelsOf("work-precision", name);
+  const work = rows(await table(page.tables.work_precision ? "work_precision" : "tolerance"), { scenario: name }), speeds = await panelsOf("work-precision", name);
   if (chosenIn.of !== name) [chosenIn.of, chosenIn.methods] = [name, new Set(place.shown ? place.shown.split(" ") : pair(runs, place.method))];
   if (place.method) chosenIn.methods.add(place.method);
   const stage = el("div", {}), charts = el("div", {});
@@ -201,8 +202,8 @@ const scenarios = async (place) => {
   root.replaceChildren(
     el("nav", { class: "choose", "aria-label": "scenarios", hidden: page.scenarios.length < 2 }, page.scenarios.map((s) => el("a", { href: link({ scenario: s }), "aria-current": s === name ? "page" : false, title: scenes[s]?.shows || false }, short(s)))),
     el("h2", {}, short(name, 80)), answered(name), place.method ? await together(place.method, name, place.lens, work) : "",
-    el("div", { class: work.length ? "two answering" : "answering" }, el("section", {}, el("h3", {}, "Every method on it"), ranking(name, place.method, work)),
-      work.length ? el("section", {}, el("h3", {}, "Speed against accuracy"), speedHere(name, place.method, speeds)) : ""),
+    el("div", { class: speeds.length ? "two answering" : "answering" }, el("section", {}, el("h3", {}, "Every method on it"), ranking(name, place.method, work)),
+      speeds.length ? el("section", {}, el("h3", {}, "Speed against accuracy"), speedHere(name, place.method, speeds)) : ""),
     el("div", { class: "two" }, el("section", {}, el("h3", {}, "What it is"), about(name)),
       el("section", {}, el("h3", {}, "What happens, at its own step"), runs.length ? stage : empty("This run keeps no time series of this scenario."))),
     runs.length ? el("section", {}, el("h3", {}, "In time"), chips("methods in the charts", names, chosenIn.methods, () => losses(name, runs, charts)), charts) : "",
