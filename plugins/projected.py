@@ -32,6 +32,7 @@ from .solver_kinks import counted, stopped_at_kinks
 
 MOVES = 10  # onto the laws at most: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
+MOVED, LEAST = 1e3, 1e-11  # tolerances by which an output may be moved, and the least of these
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
 
 
@@ -113,12 +114,15 @@ def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[...,
     return stepped
 
 
-def _mended(states: Iterable[Any], system: System, z0: Any) -> Iterator[Any]:
+def _mended(states: Iterable[Any], system: System, z0: Any, tolerance: float) -> Iterator[Any]:
     """What a user of a solver can do: its outputs are projected, its own steps are as they were between kinks."""
     first = last = np.asarray(z0, dtype=float)
     yield first
     for state in itertools.islice(states, 1, None):
-        last = onto_laws(system, last, np.asarray(state, dtype=float), first, projection_of_output)
+        z = np.asarray(state, dtype=float)
+        last = onto_laws(system, last, z, first, projection_of_output)
+        if (np.abs(last - z) > MOVED * max(tolerance, LEAST) * (system.least_each + np.abs(z))).any():
+            last = np.nan * last  # what the laws miss is no error of the solver's, as where the energy jumps
         yield last
 
 
@@ -128,7 +132,7 @@ def _projected_solver(adaptive: Callable[..., Any]) -> Callable[..., Any]:
             states, counts = counted(adaptive(system, z0, times, rtol, atol))
         else:
             states, counts = stopped_at_kinks(adaptive, system, z0, times, rtol, atol)
-        return np.array(list(_mended(states, system, z0))), counts
+        return np.array(list(_mended(states, system, z0, rtol))), counts
 
     return solved
 
@@ -141,7 +145,7 @@ def _projected_outputs(adaptive: Callable[..., Any], outputs: Callable[..., Any]
             if smooth
             else stopped_at_kinks(adaptive, system, z0, times, rtol, atol)
         )
-        return _mended(found[0], system, z0), found[1]
+        return _mended(found[0], system, z0, rtol), found[1]
 
     return solved
 

@@ -165,6 +165,12 @@ def begin_step(w: Work, h: float, z: Floats) -> None:
     """A step from z, of which `start` has the rates, weights and carried variables."""
     w.c[0] = h
     w.solve.whole = False
+    if w.n_kinks > 0 and in_kink(w):
+        for i in range(w.m):
+            for j in range(w.k):
+                w.U[i, j] = w.start[i]
+        renew(w, h, z)
+        return
     if w.n_lanes == 0:
         prepare(w, h, z)
         return
@@ -173,6 +179,15 @@ def begin_step(w: Work, h: float, z: Floats) -> None:
     copy_into(w.carried, w.start_y)
     w.solve.stiff = True
     call(w.to_factor, w.start, w.c, w.factors)
+
+
+@rare
+def in_kink(w: Work) -> bool:
+    """Does a step begin exactly where a rate may jump, so that its slope there is that of the jump?"""
+    found, first = False, w.n_ends - w.n_kinks
+    for i in range(first, first + w.n_kinks // 2):
+        found = found or w.start[i] == 0.0
+    return found
 
 
 def guess(w: Work) -> None:

@@ -186,7 +186,7 @@ class Pulse(Moving):
 
 def unseen(kind, k=1.0, at=0.0, width=1.0, c=0.0, t_end=10.0, **powers):
     made = type(kind.__name__, (kind,), powers)
-    initial = {"q": 0.0, "p": 1.0, "s": 0.0} | ({"tau": 0.0, "g": 0.0} if kind is Pulse else {})
+    initial = {"q": 0.0, "p": 1.0, "s": 0.0} | ({"tau": 0.0, "g": 0.0} if issubclass(kind, Pulse) else {})
     return Scenario("unseen", made, {"k": k, "at": at, "width": width, "c": c}, initial=initial, t_end=t_end,
                     dt=t_end / 200)  # fmt: skip
 
@@ -260,6 +260,46 @@ def test_a_projected_solver_stops_at_kinks(name):
 def test_no_size_is_larger_than_what_a_run_moves_a_variable_by(scenario):
     """Where the energy is flat a size was 8192, or that of a clock 4e34: tolerances and moves were measured by it."""
     assert (scenario.model.least_each <= 2 * max(1.0, scenario.t_end)).all()
+
+
+class Switched(Pulse):
+    """The energy jumps with the force, which no method can follow: it would have to be told where it goes."""
+
+    def energy(self, z):
+        return z.p**2 / 2 + z.q**2 / 2 - self.k * z.q * np.sign(z.tau - self.at) + z.g + 300.0 * z.s
+
+
+@pytest.mark.parametrize(("k", "at"), [(0.05, 3.0), (0.3, 1.4), (2.0, 7.7)])
+def test_an_energy_that_jumps_is_told(k, at):
+    """projected moved the state onto the energy of before: 5e3 to 3e8 tolerances, with status ok."""
+    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled", "projected[method=scipy_dop853]"):
+        run = tcbench.simulate(method, unseen(Switched, k, at), tolerance=1e-7)
+        assert run.status in ("nonconverged", "nonfinite"), method
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("potential", "right", "left"),
+    [
+        (lambda q: -0.7 * np.abs(q), -0.7, 0.7), (lambda q: 0.3 * np.abs(q), 0.3, -0.3),
+        (lambda q: 2 * np.maximum(q, 0.0), 2.0, 0.0), (lambda q: np.minimum(q, 3 * q), 1.0, 3.0),
+        (lambda q: np.where(q > 0, q, -2 * q), 1.0, -2.0),
+    ],
+)  # fmt: skip
+def test_a_run_may_begin_exactly_in_a_kink(potential, right, left, side):
+    """The matrix of collocation had the slope of the jump, 1e60, and no step was short enough."""
+
+    class Edge(Moving):
+        def potential(self, q):
+            return potential(q)
+
+    constants = {"k": 1.0, "at": 0.0, "width": 1.0, "c": 0.0}
+    scenario = Scenario("edge", Edge, constants, initial={"q": 0.0, "p": side, "s": 0.0}, t_end=0.4, dt=0.1)
+    place = side * 0.4 - (right if side > 0 else left) * 0.08
+    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled"):
+        run = tcbench.simulate(method, scenario, tolerance=1e-6)
+        assert run.ok and run.z[-1, 0] == pytest.approx(place, abs=1e-5), (method, run.failure)
+    assert tcbench.simulate("tc_gauss", scenario).z[-1, 0] == pytest.approx(place, abs=1e-12)
 
 
 class Wall(Moving):
