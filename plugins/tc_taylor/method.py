@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
-from tcbench.compiler.once import once, once_a_system
+from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels as of_any
 
@@ -38,7 +39,12 @@ class TaylorMethod(Lending):
         self.tolerance = 0.0  # of the work
         self.reached: Floats | None = None  # where the run has come by marching
         self.lend_to(model.again(counts=self.counts, trials=model.trials.again(), course=model.course.again()), system)
-        self.run = self.loops.bound("run", self.work)
+
+    @cached_property
+    def run(self) -> Callable[[], int]:
+        """The adaptive march of the work; compiled when it is first asked for: tc_auto has its own."""
+        bound: Callable[[], int] = self.loops.bound("run", self.work)
+        return bound
 
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, shape (len(times), n), and their cost; ArithmeticError where steps become too short."""

@@ -20,7 +20,7 @@ from ..solver import foresight
 from ..solver.implicit_step import OK, Rules
 from ..systems.scenario import Scenario
 from . import shared_runs
-from .compiled_loop import LOOPS, NOW
+from .compiled_loop import NOW, STATES
 from .prepared import take
 from .recorder import assemble, explain, raised
 from .shared_runs import Solved
@@ -140,7 +140,7 @@ def _next_states(
         rows = result[None]
     if integrator.increments:
         states = np.empty_like(rows)
-        LOOPS.add_increments(z.copy(), rows, carry, states)
+        STATES.add_increments(z.copy(), rows, carry, states)
         return states
     return rows
 
@@ -174,7 +174,7 @@ class Monitor:
     def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
         """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
         rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
-        return LOOPS.monitor(self.run, first, rows), self.ready.tally.steps
+        return STATES.monitor(self.run, first, rows), self.ready.tally.steps
 
     def trajectory(
         self, integrator: Integrator, status: str, failure: str, wall: float, solver: SolverCounts

@@ -17,7 +17,7 @@ from ..systems.as_written import check_repeats
 from ..systems.multipliers import check_start
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
-from .compiled_loop import LOOPS, Run
+from .compiled_loop import LOOPS, STATES, Run
 from .prepared import take
 from .python_loop import FirstSteps, run_adaptive, run_step
 from .recorder import assemble, explain
@@ -196,7 +196,7 @@ def run_flows(
     reason, done, first = OK, 0, None
     if integrator.memory:
         first = first_steps(integrator, scenario, dt, steps)
-        reason, done = LOOPS.monitor(run, 1, first.z[1:]) if first.steps else OK, first.steps
+        reason, done = STATES.monitor(run, 1, first.z[1:]) if first.steps else OK, first.steps
         if done == integrator.memory:
             run.z[:], run.others[:] = first.z[-1], first.slopes(dt)
             np.add.at(run.counts, np.arange(done) // every, first.iterations)

@@ -20,6 +20,7 @@ from ..compiler.array_states import entries, refilled
 from ..compiler.arrays import total
 from ..compiler.derivatives import Symbol, const
 from ..compiler.language import Address, Floats, call, rare
+from ..compiler.once import once
 from ..compiler.round_off import round_off
 from ..systems.state import blocks_of
 from ..systems.system import System
@@ -127,6 +128,17 @@ def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
     target, too. given: `constant_values`, then the constants of the list.
     """
+    return _of_arrays(system) if system.by_array else _made(system)
+
+
+@once
+def _of_arrays(net: Any) -> tuple[Any, Any, Any, list[Symbol]]:
+    """Those of a kind, one for all methods."""
+    with trace.tracing():
+        return _made(net)
+
+
+def _made(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     z = system.unknowns("x")
     told = trace.variables("law", INVARIANTS + 2 * (len(system.invariant_names) + len(constraints(system, z))))
     start, *moves = _moves(system, z, told)
