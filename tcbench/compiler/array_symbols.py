@@ -14,9 +14,9 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from .array_tensors import TENSORS, matmul, parts_of, rearranged
 from .arrays import Map, Path, collect, count, join, part, take, total
-from .choices import boxed
+from .choices import KINKED, boxed
 from .derivatives import maximum, minimum
-from .kinks import KINKED, kinked
+from .kinks import kinked
 from .sentences import refused
 from .symbols import TAKE, array, const, lifted
 from .tables import alone_or_all

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .kinks import KINKED, clip, kinked, where
+from .choices import KINKED
+from .kinks import clip, kinked, where
 from .sentences import refused
 from .symbols import TAKE
 
