@@ -38,7 +38,6 @@ ONE_THREAD = (
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS",
 )  # fmt: skip
 READY = b"ready\n"
-LOOK_S = 1.0  # Ctrl-C is looked for as often on systems where it does not end a wait
 
 
 class Child:
