@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .choices import CHOICES, KINKED
+from .choices import CHOICES
+from .choices import KINKED as KINKED
 from .ops import TINY
 from .sentences import refused
 from .symbols import Symbol, add, const, is_const, make, mul, neg, reciprocal
