@@ -64,3 +64,54 @@ def test_the_gas_containers_of_gfinn_are_a_method_of_third_order_and_off_by_a_th
     exact, *coarser = (runs(starts[:3], 0.02 / n, 25 * n)[:, -1] for n in (16, 1, 2))
     errors = [np.abs(z - exact).max() for z in coarser]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(3, abs=0.2)
+
+
+class FourParticles(tcbench.System):
+    """Two rods, two springs k (l^2 - 1)^2/2, a damper of viscosity eta (1 + l^2/2); friction heats a bath."""
+
+    name = "four_particles"
+    variables = {"q": (4, 3), "p": (4, 3), "s": ()}
+    multipliers = {"lam": (2,)}
+    constants = {"mass": (4,), "stiffness": (2,), "viscosity": ()}
+    reference_temperature = 1.0
+
+    def energy(self, z):
+        a, b = z.q[2] - z.q[0], z.q[3] - z.q[1]
+        springs = self.stiffness[0] / 2 * (a @ a - 1) ** 2 + self.stiffness[1] / 2 * (b @ b - 1) ** 2
+        return (z.p**2 / (2 * self.mass[:, None])).sum() + springs + z.s
+
+    def entropy(self, z):
+        return z.s
+
+    def constraints(self, z):
+        a, b = z.q[1] - z.q[0], z.q[3] - z.q[2]
+        return {"lam": np.array([a @ a - 1, b @ b - 1]) / 2}
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        line, slip = z.q[2] - z.q[1], dE.p[2] - dE.p[1]
+        force = self.viscosity * (1 + line @ line / 2) * slip
+        return {"p": np.stack([0 * slip, force, -force, 0 * slip]), "s": force @ slip / dE.s}
+
+
+def test_the_errors_that_pydykit_stores_of_the_midpoint_rule_come_out_to_ten_digits():
+    """pydykit/pydykit, four_particle_system_convergence.yml and its ..._MidpointPH_errors.csv: relative errors of the
+    last particle at t = 0.1 against their own run of steps of 1e-4; its momentum there is a speed."""
+    masses, push = np.array([1, 3, 2.3, 1.7]), np.zeros((4, 3))
+    push[3, 2] = 2.0
+    start = {"q": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "p": push, "s": 0}
+    constants = {"mass": masses, "stiffness": (50, 500), "viscosity": 1.0}
+    scenario = tcbench.Scenario("four", FourParticles, constants, initial=start, t_end=0.1, dt=0.01)
+    place = np.array([0.9959913700582607, 0.9962624043349306, 0.11725868954600029])
+    speed = np.array([-0.08024555752463461, -0.10689735129193288, 1.1635313694660703])
+    stored = {
+        0.01: (3.092117015045031e-05, 0.0001365276534039056), 0.005: (7.80024470944988e-06, 2.8677362364815932e-05),
+        0.002: (1.2483659283202484e-06, 4.3245071565262895e-06),
+    }  # fmt: skip
+    for h, (of_place, of_speed) in stored.items():
+        end = tcbench.simulate("midpoint_entropy", scenario, dt=h).z[-1]
+        missed = np.linalg.norm(end[9:12] - place) / np.linalg.norm(place)
+        assert missed == pytest.approx(of_place, rel=2e-10)
+        assert np.linalg.norm(end[21:24] / 1.7 - speed) / np.linalg.norm(speed) == pytest.approx(of_speed, rel=1e-3)
