@@ -34,7 +34,7 @@ from ..compiler.language import Floats, call, copy_into, fill, rare
 from .flow import CompiledFlow
 from .linear_algebra import solve_pivoted
 from .newton import ACCEPTED, NEGLIGIBLE, newton, set_step
-from .sparse import sparse_bordered, sparse_iterate
+from .sparse import FINEST, sparse_bordered, sparse_iterate
 
 FOUND, UNDETERMINED, LOST, COLD_ROOT = range(4)
 
@@ -162,7 +162,7 @@ def land(flow: CompiledFlow, cosine: float, ds: float, s: float) -> tuple[int, i
     for i in range(n):
         x[i] = hermite(u[i], v[i], t[i], t_new[i] / cosine, ds, s) / scale[i]
     if flow.ns > 0:
-        sparse_iterate(flow)
+        sparse_iterate(flow, FINEST, True)
     else:
         call(flow.iterate, flow.w, x, flow.d)
     for i in range(flow.npos):

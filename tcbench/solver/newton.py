@@ -13,7 +13,7 @@ import numpy as np
 from ..compiler.language import Address, Floats, call, copy_into, fill, rare
 from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, solve_pivoted
-from .sparse import sparse_iterate
+from .sparse import FINEST, FIRST, FLOOR, SHARE, sparse_iterate
 
 ACCEPTED, REJECTED = 0, 1
 MAX_ITERATIONS = 8
@@ -217,13 +217,14 @@ def polish(flow: CompiledFlow) -> float:
     return delta if abs(total) < np.inf else np.inf
 
 
-def newton_correction(flow: CompiledFlow) -> tuple[float, float]:
+def newton_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> tuple[float, float]:
     """Newton correction into d; returns the sign of its Jacobian's determinant and its smallest pivot, 0: none.
 
-    Where that is small it comes from an elimination with pivoting, and polish() has no factors to use again.
+    Where that is small it comes from an elimination with pivoting, and polish() has no factors to use again. tolerance,
+    fresh: of a sparse linear system.
     """
     if flow.ns > 0:
-        return sparse_iterate(flow), 0.0
+        return sparse_iterate(flow, tolerance, fresh), 0.0
     call(flow.iterate, flow.w, flow.x, flow.d)
     sign, smallest = 1.0, np.inf
     for i in range(flow.nx):
@@ -249,12 +250,13 @@ def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
     Corrections are measured by delta = max |d_i| * scale_i. Rejected at once: a value that is not finite, a
     non-positive temperature, a negative determinant (a root on the wrong side of a fold), delta that does not halve.
     It ends where the next correction would be below round-off, by how the last one shrank, or where corrections near a
-    root shrink no more. That one is small does not do: next to a spring of length l equations curve as 1/l.
+    root shrink no more. That one is small does not do: next to a spring of length l equations curve as 1/l. Sparse
+    linear systems are solved as exactly as a correction deserves, with incomplete factors of the first.
     """
     x = flow.x
-    previous, near = np.inf, False
+    previous, near, left = np.inf, False, FIRST if flow.ns > 0 else 0.0
     for iteration in range(1, MAX_ITERATIONS + 1):
-        sign, smallest = newton_correction(flow)
+        sign, smallest = newton_correction(flow, left, iteration == 1)
         total, delta = take_correction(flow, flow.scale)
         if not (abs(total) < np.inf) or sign <= 0.0:
             return REJECTED, iteration
@@ -272,6 +274,9 @@ def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
         if slope > 0.0 and leaps(flow, slope):
             return REJECTED, iteration
         seen = previous < np.inf
+        if flow.ns > 0:  # a linear system leaves what it may, beside what curves
+            contraction = max(max(1.0, contraction / previous) * delta, left)
+            left = max(FLOOR, min(FIRST, SHARE * delta))
         if seen and contraction * delta < enough:
             return finish(flow), iteration
         near = near or delta < CONVERGED or (seen and contraction < 1e-3 and delta < QUADRATIC)
@@ -291,7 +296,7 @@ def plain_newton(flow: CompiledFlow) -> tuple[int, int]:
     1e-10. It fails on a value that is not finite or after 20 iterations.
     """
     for iteration in range(1, PLAIN_ITERATIONS + 1):
-        sign, _ = newton_correction(flow)
+        sign, _ = newton_correction(flow, FINEST, True)
         if sign == 0.0:
             return REJECTED, iteration
         total, delta = take_correction(flow, flow.scale[: flow.nx])

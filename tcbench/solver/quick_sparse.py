@@ -1,8 +1,8 @@
 """Newton-like iterations for a sparse Jacobian J (n, n), with the incomplete LU factors of an earlier step kept on.
 
 At usual steps h, J = I + O(h) hardly changes from step to step, and its ILU(0) factors are nearly its LU factors. So
-x <- x - (LU)^-1 R(x) is iterated with old factors as long as it contracts; else come new factors, then Newton with
-BiCGStab. One such correction costs a fifth of a Jacobian with new factors. In the restricted Python.
+x <- x - (LU)^-1 R(x) is iterated with old factors as long as it contracts; else come new factors, then `newton`. One
+such correction costs a fifth of a Jacobian with new factors. In the restricted Python.
 """
 
 from __future__ import annotations
@@ -11,12 +11,9 @@ import numpy as np
 
 from ..compiler.language import call, copy_into, rare
 from .flow import CompiledFlow
-from .newton import ACCEPTED, CONVERGED, MAX_ITERATIONS, NEGLIGIBLE, REJECTED, finish, take_correction
-from .sparse import SOLUTION, backward, forward, incomplete_factors, sparse_correction
+from .newton import ACCEPTED, CONVERGED, NEGLIGIBLE, REJECTED, finish, newton
+from .sparse import SOLUTION, backward, forward, incomplete_factors
 
-FIRST = 1e-4  # relative residual of the linear system of a first correction
-SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
-FLOOR = 1e-8  # relative residual of the linear system of a small correction: the next one mends it
 POOR = 0.15  # contraction by incomplete factors, above which Newton with whole corrections costs less
 CHORD_ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this, ...
 NOISY = 4.0  # ... or below so many times what whole corrections made of a root where such ones had stopped
@@ -31,16 +28,17 @@ def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept
     copy_into(flow.x, flow.guess)
+    copy_into(flow.scale, flow.inverse_sizes)
     if kept.pause > 0.0:
         kept.pause -= 1.0
-        return newton_krylov(flow)
+        return newton(flow, NEGLIGIBLE, 0.0)
     code, count = by_old_factors(flow)
     if code == ACCEPTED:
         return code, count
     kept.made_in, kept.pause = 0.0, PAUSED
     copy_into(flow.last, flow.x)
     copy_into(flow.x, flow.guess)
-    code, more = newton_krylov(flow)
+    code, more = newton(flow, NEGLIGIBLE, 0.0)
     if code == ACCEPTED and kept.stopped < CONVERGED:
         off = 0.0
         for i in range(n):
@@ -104,30 +102,3 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
             return finish(flow), iteration
         previous = delta
     return REJECTED, MOST_CHORDS
-
-
-@rare
-def newton_krylov(flow: CompiledFlow) -> tuple[int, int]:
-    """Newton, each linear system as exactly as the correction deserves, with incomplete factors of the first."""
-    behind = flow.nx + flow.nnz
-    previous, tolerance = np.inf, FIRST
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        call(flow.iterate, flow.w, flow.x, flow.derivatives)
-        for i in range(behind, behind + flow.npos):
-            if not flow.derivatives[i] > 0.0:
-                return REJECTED, iteration
-        if sparse_correction(flow, tolerance, iteration == 1) <= 0.0:
-            return REJECTED, iteration
-        total, delta = take_correction(flow, flow.inverse_sizes)
-        if flow.steep and iteration == 1 and delta < CONVERGED:
-            previous = 2.0 * CONVERGED
-            continue
-        if not (abs(total) < np.inf and delta <= max(0.5 * previous, CONVERGED)):
-            return REJECTED, iteration
-        if delta > 0.5 * previous:
-            return finish(flow), iteration
-        curvature = delta / (previous * previous)
-        if delta * max(max(1.0, curvature) * delta, tolerance) < NEGLIGIBLE:
-            return finish(flow), iteration
-        previous, tolerance = delta, max(FLOOR, min(FIRST, SHARE * delta))
-    return REJECTED, MAX_ITERATIONS

@@ -14,7 +14,10 @@ from .linear_algebra import SOLVED, STEEPEST, dot
 
 KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
-FINEST = 1e-10  # relative residual of a linear system in the careful solvers
+FINEST = 1e-10  # relative residual of a linear system that is solved once
+FIRST = 1e-4  # ... of a first correction of Newton's
+SHARE = 1e-2  # ... of a later one over the correction before, so that it is no larger than what Newton leaves
+FLOOR = 1e-8  # ... of a small correction: the next one mends it
 RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, SOLUTION = range(8)  # rows of `krylov`
 
 
@@ -192,12 +195,13 @@ def corrected(flow: CompiledFlow, solution: Floats) -> None:
 
 
 @rare
-def sparse_iterate(flow: CompiledFlow) -> float:
-    """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign."""
+def sparse_iterate(flow: CompiledFlow, tolerance: float, fresh: bool) -> float:
+    """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign. See
+    `sparse_correction`."""
     call(flow.iterate, flow.w, flow.x, flow.derivatives)
     for i in range(flow.npos):
         flow.temperatures[i] = flow.derivatives[flow.nx + flow.nnz + i]
-    return sparse_correction(flow, FINEST, True)
+    return sparse_correction(flow, tolerance, fresh)
 
 
 @rare

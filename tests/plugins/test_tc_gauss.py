@@ -115,3 +115,15 @@ def test_round_off_in_stiff_conduction_rejects_no_step(k):
     for tolerance in (1e-8, 1e-10, 1e-12):
         _, cost = solve(scenario.model, scenario.z0, np.array([0.0, 1500.0]), tolerance, tolerance)
         assert cost["rejected"] == 0 and cost["steps"] < 100
+
+
+def test_a_step_that_begins_with_an_initial_layer_is_divided_and_no_other():
+    """Undivided the first step of 0.3 leaves an error of 3.7e-2."""
+    scenario = tcbench.scenarios()["short_term"]
+    exact = reference_for(scenario, [1.2]).states[0].astype(float)
+    method, steps, z = GaussMethod(scenario.model, 3), [], scenario.z0
+    for _ in range(4):
+        z = z + method.increments(z, 0.3)
+        steps.append(method.counts.steps)
+    assert steps[0] > 4 and steps[1:] == [1, 1, 1]
+    assert np.abs(z - exact).max() < 1e-4
