@@ -39,6 +39,13 @@ def test_a_ring_is_of_order_two():
     assert 1.8 < np.log2(errors[0] / errors[1]) < 2.2
 
 
+def test_the_error_of_a_ring_falls_with_the_square_of_its_mesh():
+    end = {n: tcbench.simulate("tc_monolithic", ring(n, t_end=1.0, dt=0.01)) for n in (12, 24, 48, 192)}
+    places = {n: np.asarray(run.scenario.model.state(run.z[-1]).q)[:: n // 12] for n, run in end.items()}
+    errors = [np.abs(places[n] - places[192]).max() for n in (12, 24, 48)]
+    assert errors[2] < 3e-3 and 1.6 < np.log2(errors[0] / errors[2]) / 2 < 2.4
+
+
 def test_steps_of_many_times_the_explicit_limit_keep_the_energy():
     scenario = solid(1)
     limit = 2 / np.sqrt(np.abs(np.linalg.eigvals(stiffness(scenario))).max())
