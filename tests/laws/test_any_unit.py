@@ -58,9 +58,14 @@ def sizes(model, energy, z):
 
 PAIRS = spread(METHODS, SYSTEMS, ("tc_monolithic", "tc_gauss"), suits)
 PAIRS += [("tc_monolithic", name) for name in ("chain[n=3]", "viscous_pendulum")]
+# in the first tier those that ask for sizes themselves, and of each way to step some that leave it to the solver
+FIRST = BY_SIZE | {"tc_monolithic", "gauss2", "relaxation", "verlet_heat4", "bdf2", "scipy_odeint", "tc_auto"}
 
 
-@pytest.mark.parametrize(("method", "name"), PAIRS)
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [p if p[0].partition("[")[0] in FIRST else pytest.param(*p, marks=pytest.mark.thorough) for p in PAIRS],
+)
 def test_a_run_is_the_same_in_any_unit(method, name):
     own, z = run(name, method, 0)
     model = in_units(name, 0)[0].model

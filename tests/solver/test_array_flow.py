@@ -14,8 +14,11 @@ from tcbench.systems import traced
 
 from ..helpers.networks import NETWORKS, N
 
-OF_ELEMENTS = ["midpoint_temperature[reading=a5_literal]", "tc_mean_value", "bdf2", "tc_strang_exact"]
-PAIRS = [("tc_strang", "dashpots"), ("tc_gonzalez", "shared_bath"), ("tc_monolithic", "reactions")]
+LATER = pytest.mark.thorough
+OF_ELEMENTS = ["midpoint_temperature[reading=a5_literal]", "tc_strang_exact",
+               *(pytest.param(name, marks=LATER) for name in ("tc_mean_value", "bdf2"))]  # fmt: skip
+PAIRS = [("tc_strang", "dashpots"), ("tc_monolithic", "reactions"),
+         pytest.param("tc_gonzalez", "shared_bath", marks=LATER)]  # fmt: skip
 NET = net(2, 2)  # of 22 variables: what a whole trace and its elimination cost grows with their square
 LOOPS = "in loops over the elements"
 
