@@ -26,6 +26,7 @@ from .tc_gauss.memory import LONG
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
 ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
+UNEVEN, ALIKE = 0.375, 32.0  # the first of two other parts, and round-offs by which these may differ from the halves
 LEAST_SHARE = 1e-3  # of the tolerance: what a step may miss, however short it is, where rates have kinks
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
@@ -96,6 +97,10 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 once, half = step(z, tried), step(z, tried / 2)
                 twice = step(half, tried / 2)
                 gap, size = np.abs(twice - once), np.maximum(np.abs(z), np.abs(twice))
+                digits = ROUND_OFF * np.maximum(least, size)
+                if (gap <= ALIKE * digits).all():  # exact, or a step that the method itself took in halves
+                    uneven = np.abs(step(step(z, UNEVEN * tried), tried - UNEVEN * tried) - twice)
+                    gap = np.where(uneven > ALIKE * digits, (2**order - 1) * uneven, gap)
                 why = "they err by more than the tolerance"
                 share = tried if kinks is None else max(tried, LEAST_SHARE * whole)  # behind a kink steps begin short
                 error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / share
@@ -108,7 +113,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                     kink
                 ):  # no method has its order there, and its nodes need not see the kink: rates change by this much
                     error = max(error, float((tried / 2 * np.abs(last[2] - first[2]) / (atol + rtol * size)).max()))
-                rounded = not kink and bool((gap <= ROUND_OFF * np.maximum(least, size)).all())
+                rounded = not kink and bool((gap <= digits).all())
             except ArithmeticError as failed:
                 error, why, rounded, kink = np.inf, str(failed), False, False
             proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / (2 if kink else order))))

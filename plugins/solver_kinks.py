@@ -21,6 +21,7 @@ LOOKS = 100  # places in a run, at least, between which kinks are looked for
 FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many each time that none follows
 PARTS = 8  # of an interval with a kink, each looked at
 DEEP = 6  # parts of parts, in which one that turns before it changes its sign may do so
+FINER, FINEST = 8.0, 3e-14  # its tolerance, of which each piece may miss one, over this; the least that solvers take
 MOST = 8  # kinks in one interval: then a motion slides along one, or they are too many for what each adds to the error
 BEHIND = 1e-14  # a kink, over the time
 
@@ -42,7 +43,8 @@ class Run:
     """A solver on a system that has kinks."""
 
     def __init__(self, adaptive: Callable[..., Any], system: System, rtol: float, atol: float) -> None:
-        self.adaptive, self.system, self.tolerances = adaptive, system, (rtol, atol)
+        self.adaptive, self.system = adaptive, system
+        self.tolerances = max(rtol / FINER, min(rtol, FINEST)), atol / FINER
         self.kinks: Any = kinks_in(system)
         self.counts: Counter[str] = Counter()
 

@@ -262,6 +262,32 @@ def test_no_size_is_larger_than_what_a_run_moves_a_variable_by(scenario):
     assert (scenario.model.least_each <= 2 * max(1.0, scenario.t_end)).all()
 
 
+class HighPower(Moving):
+    def potential(self, q):
+        return self.k * q**self.N / self.N
+
+
+@pytest.mark.parametrize(
+    ("N", "k", "p", "t_end", "tolerance"),
+    [(26, 1.0, 0.9, 9.0, 1e-5), (40, 1.0, 0.8, 20.0, 1e-6), (30, 1.0, 2.0, 9.0, 1e-4), (18, 3.0, 1.0, 12.0, 1e-6),
+     (60, 0.5, 1.0, 8.0, 1e-5)],
+)  # fmt: skip
+def test_a_step_that_a_method_halves_by_itself_is_compared_with_others(N, k, p, t_end, tolerance):
+    """Both halves of a step were what the whole one had been made of: no gap, and 1e3 tolerances at any tolerance."""
+    made = type("HighPower", (HighPower,), {"N": N})
+    initial = {"q": 0.3, "p": p, "s": 0.0}
+    constants = {"k": k, "at": 0.0, "width": 1.0, "c": 0.0}
+    scenario = Scenario("power", made, constants, initial=initial, t_end=t_end, dt=t_end / 25)
+    times = np.linspace(0.0, t_end, 26)
+    beside = scenario.replace(initial=initial | {"q": 0.3 + 1e-7})
+    exact, moved = (
+        tcbench.simulate("tc_gauss_adaptive", x, tolerance=1e-11, times=times).z for x in (scenario, beside)
+    )
+    condition = max(1.0, np.abs(moved - exact).max() / 1e-7)
+    run = tcbench.simulate("controlled", scenario, tolerance=tolerance, times=times)
+    assert run.ok and np.abs(run.z - exact).max() < ALLOWED * tolerance * condition
+
+
 class Switched(Pulse):
     """The energy jumps with the force, which no method can follow: it would have to be told where it goes."""
 
