@@ -257,7 +257,10 @@ def invariants_by_steps(scenario: Scenario) -> list[Line]:
         if method.suits(model) or "angular_momentum" not in method.claims:
             continue
         tried += 1
-        runs = [simulate(method, one.replace(t_end=3 * scenario.dt, dt=scenario.dt)) for one in starts]
+        runs = [  # from random states as far as plain Newton comes: a step there may be long beyond reason
+            simulate(method, one.replace(t_end=3 * scenario.dt, dt=scenario.dt), continuation=one is scenario)
+            for one in starts
+        ]
         for found in lost_by((pair for run in runs for pair in zip(run.z[:-1], run.z[1:], strict=True)), model):
             seen.setdefault(found.name, (found, []))[1].append(name)
     for found, by in seen.values():
