@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .system import System
 
 MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
-MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 20 s
+MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 30 s
 REDUCED = "constraints"  # tag of methods that solve this ODE and keep the constraints as laws: see solver.mending
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
 
