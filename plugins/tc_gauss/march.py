@@ -10,7 +10,8 @@ from tcbench.compiler.looks import to_end
 from tcbench.solver.linear_algebra import add_compensated
 
 from .memory import LONG, Work
-from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, damp, extrapolate, mend, rate_of, try_step
+from .newton_matrix import damp, rate_of
+from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, extrapolate, mend, try_step
 
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
