@@ -67,7 +67,8 @@ def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
     """(function(b) - function(a))/(b - a), and the derivative where b = a; of the shape of a and b.
 
     function : of one variable, by +, -, *, /, **, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos,
-        arctan, sinh, cosh, tanh and hypot (TraceError names what else it uses).
+        arctan, arctan2, sinh, cosh, tanh, hypot, where, maximum, minimum, clip and sign (TraceError names what else it
+        uses).
     """
 
     def slope(a: Any, b: Any) -> tuple[Any]:
