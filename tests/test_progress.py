@@ -89,7 +89,7 @@ def compiled(*rest):
 
 
 LINES, OWN = [], run.LOOPS
-LOOPS = types.SimpleNamespace(begin=OWN.begin, monitor=OWN.monitor, march=compiled)
+LOOPS = types.SimpleNamespace(begin=OWN.begin, march=compiled)
 CHOSEN = "at tolerance 1e-06, in steps that it chooses"
 
 

@@ -7,7 +7,7 @@ from laws import assert_laws
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
 from tcbench_plugins.tc_gauss import method as methods
-from tcbench_plugins.tc_gauss import sparse, step
+from tcbench_plugins.tc_gauss import newton_matrix, sparse
 from tcbench_plugins.tc_gauss.method import GaussMethod, prepared
 
 import tcbench
@@ -60,7 +60,7 @@ def test_matrix_and_factors_are_those_of_differences(name):
     scenario = NETWORKS[name]
     model, z, eps = scenario.model, scenario.z0, 1e-5
     n, w = model.size, GaussMethod(model, 2).work
-    step.set_matrix(w, z)
+    newton_matrix.set_matrix(w, z)
     s, whole = w.sparse, -matrix_of(w)
     M = whole[:n, n:] @ np.linalg.solve(whole[n:, n:], whole[n:, :n]) - whole[:n, :n]  # without the shared numbers
     field = model.vector_field(np.concatenate([z + eps * np.eye(n), z - eps * np.eye(n)]))
@@ -86,16 +86,16 @@ def test_corrections_solve_the_linear_system_of_all_stages(k):
     scenario, h = stiff_net(), 0.1
     w = GaussMethod(scenario.model, k).work
     m, w.n_lanes = w.m, 0
-    step.prepare(w, h, scenario.z0)
+    newton_matrix.prepare(w, h, scenario.z0)
     assert w.solve.stiff
     before, new = np.random.default_rng(k).normal(size=(2, m, k))
     w.before[:], w.N[:, :k] = before, new
-    step.solve_stages(w)
+    newton_matrix.solve_stages(w)
     whole = np.eye(m * k) - h * np.kron(matrix_of(w), w.numbers.A)
     expected = before + np.linalg.solve(whole, (new - before).ravel()).reshape(m, k)
     assert np.abs(w.U[:, :k] - expected).max() < 1e-9 * np.abs(expected).max()
     w.sides[:, :2] = new[:, [0, -1]]
-    step.damp(w, h)
+    newton_matrix.damp(w, h)
     assert np.abs(w.sides[:, :2] - np.linalg.solve(np.eye(m) - h * matrix_of(w), new[:, [0, -1]])).max() < 1e-9
 
 
