@@ -99,7 +99,9 @@ def _peers(tables: Tables, key: str, name: str, declared: Tables) -> list[str]:
     absent = ", ".join(map(str, declared.get("absent", {})))
     beside = f"beside {listed(packages)}" if packages else "beside the peers of this run"
     gap = f" ({absent} not installed)" if absent else ""
-    middle, of = rounded(median(ratios)), f", median of {len(ratios)} scenarios" if len(ratios) > 1 else ""
+    middle, of = rounded(median(ratios)), ""
+    if len(ratios) > 1:
+        of = f", median of {len(ratios)} scenarios, on none less than {rounded(min(ratios))} times"
     return [f"{beside}{gap}, of which the fastest takes {middle} times as long{of}"]
 
 
