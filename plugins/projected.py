@@ -26,9 +26,8 @@ from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
 from tcbench.solver.mending import ENTROPY, LAWFUL, NEAR, SHRUNK, by_variable, gradients, laws, missed, shortest_move
 
-from .controlled import kinks_in
 from .exact_conduction import VERLET_HEAT4
-from .solver_kinks import counted, stopped_at_kinks
+from .solver_kinks import stopped_at_kinks
 
 MOVES = 10  # onto the laws at most: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
@@ -126,26 +125,20 @@ def _mended(states: Iterable[Any], system: System, z0: Any, tolerance: float) ->
         yield last
 
 
-def _projected_solver(adaptive: Callable[..., Any]) -> Callable[..., Any]:
+def _projected_outputs(adaptive: Callable[..., Any], outputs: Callable[..., Any] | None) -> Callable[..., Any]:
     def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
-        if kinks_in(system) is None:
-            states, counts = counted(adaptive(system, z0, times, rtol, atol))
-        else:
-            states, counts = stopped_at_kinks(adaptive, system, z0, times, rtol, atol)
-        return np.array(list(_mended(states, system, z0, rtol))), counts
+        states, counts = stopped_at_kinks(adaptive, outputs, system, z0, times, rtol, atol)
+        return _mended(states, system, z0, rtol), counts
 
     return solved
 
 
-def _projected_outputs(adaptive: Callable[..., Any], outputs: Callable[..., Any]) -> Callable[..., Any]:
-    def solved(system: System, z0: Any, times: Any, rtol: float, atol: float) -> Any:
-        smooth = kinks_in(system) is None
-        found = (
-            outputs(system, z0, times, rtol, atol)
-            if smooth
-            else stopped_at_kinks(adaptive, system, z0, times, rtol, atol)
-        )
-        return _mended(found[0], system, z0, rtol), found[1]
+def _projected_solver(adaptive: Callable[..., Any]) -> Callable[..., Any]:
+    one_by_one = _projected_outputs(adaptive, None)
+
+    def solved(*problem: Any) -> Any:
+        states, counts = one_by_one(*problem)
+        return np.array(list(states)), counts
 
     return solved
 

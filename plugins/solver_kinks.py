@@ -7,7 +7,7 @@ Between two states the numbers whose size the rates have, and their slopes, tell
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -32,20 +32,26 @@ def counted(found: Any) -> tuple[Any, dict[str, int]]:
 
 
 def stopped_at_kinks(
-    adaptive: Callable[..., Any], system: System, z0: Any, times: Any, rtol: float, atol: float
-) -> tuple[Iterator[Any], dict[str, int]]:
-    """(states at the times, counts, which are complete with the last state)."""
-    run = Run(adaptive, system, rtol, atol)
+    adaptive: Callable[..., Any], outputs: Callable[..., Any] | None, system: System, z0: Any, times: Any, rtol: float,
+    atol: float,
+) -> tuple[Iterable[Any], dict[str, int]]:  # fmt: skip
+    """(states at the times, counts, which are complete with the last state); as the solver gives them, one by one if it
+    can (`outputs`), where the rates have no kinks."""
+    kinks = kinks_in(system)
+    if kinks is None:
+        return counted((outputs or adaptive)(system, z0, times, rtol, atol))
+    run = Run(adaptive, system, kinks, rtol, atol)
     return run.states(np.asarray(z0, dtype=float), np.asarray(times, dtype=float)), run.counts
 
 
 class Run:
     """A solver on a system that has kinks."""
 
-    def __init__(self, adaptive: Callable[..., Any], system: System, rtol: float, atol: float) -> None:
-        self.adaptive, self.system = adaptive, system
+    def __init__(
+        self, adaptive: Callable[..., Any], system: System, kinks: Callable[..., Any], rtol: float, atol: float
+    ) -> None:
+        self.adaptive, self.system, self.kinks = adaptive, system, kinks
         self.tolerances = max(rtol / FINER, min(rtol, FINEST)), atol / FINER
-        self.kinks: Any = kinks_in(system)
         self.counts: Counter[str] = Counter()
 
     def solve(self, z: Any, times: Any) -> Any:

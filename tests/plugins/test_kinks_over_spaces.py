@@ -1,0 +1,68 @@
+"""Adaptive methods on arrays whose rates or energies have kinks."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import tcbench
+from tcbench import Scenario, System
+from tcbench.systems.right_hand_side import Field
+
+
+class Row(System):
+    """Masses between springs that yield beyond a limit, `a` being what stays of it: rates have kinks."""
+
+    name = "yielding_row"
+    variables = {"q": ("mass",), "p": ("mass",), "a": ("spring",), "s": ()}
+    tables = {"ends": ("spring", 2, "mass")}
+    constants = {"m": ("mass",), "k": (), "limit": (), "eta": ()}
+
+    def stretch(self, z):
+        left, right = z.q[self.ends].T
+        return right - left
+
+    def energy(self, z):
+        held = self.k / 2 * (self.stretch(z) - z.a) ** 2 + z.a**2 / 4
+        return (z.p**2 / self.m).sum() / 2 + held.sum() + (z.q**2).sum() / 8 + 2 * np.exp(z.s / 2)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+    def irreversible(self, z, dE, dS):
+        push, pull = -dE.a - self.limit, dE.a - self.limit
+        flow = (abs(push) + push - abs(pull) - pull) / (2 * self.eta)
+        return {"a": flow, "s": -(flow * dE.a).sum() / dE.s}
+
+
+class Closing(Row):
+    """Springs that push harder where they are closed: energies have kinks."""
+
+    def energy(self, z):
+        x, a = self.limit - self.stretch(z), z.a
+        held = self.k / 2 * self.stretch(z) ** 2 + 15 * ((abs(x) + x) / 2) ** 2 + a**2
+        return (z.p**2 / self.m).sum() / 2 + held.sum() + 2 * np.exp(z.s / 2)
+
+    def irreversible(self, z, dE, dS):
+        return {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "n", "k", "limit", "eta"),
+    [(Row, 14, 4.0, 0.5, 0.3), (Row, 30, 9.0, 0.3, 1.0), (Row, 5, 4.0, 0.4, 0.1), (Closing, 14, 1.0, -0.1, 1.0),
+     (Closing, 30, 2.0, 0.2, 1.0)],
+)  # fmt: skip
+@pytest.mark.parametrize("method", ["tc_gauss_adaptive", "controlled"])
+def test_kinks_over_spaces_are_seen(method, kind, n, k, limit, eta):
+    """Systems traced over their spaces had no kinks for collocation, which holds the defect between nodes only."""
+    i = np.arange(n)
+    constants = {"ends": np.stack([i[:-1], i[1:]], 1), "m": np.ones(n), "k": k, "limit": limit, "eta": eta}
+    initial = {"q": 0.5 * np.sin(1.3 * i + 0.2), "p": 0.5 * np.cos(2.1 * i), "a": np.zeros(n - 1), "s": 0.0}
+    scenario = Scenario("row", kind, constants, initial=initial, t_end=1.0, dt=0.05)
+    exact = solve_ivp(Field(scenario.model).rate, (0.0, 1.0), scenario.z0, "DOP853", max_step=2e-3, rtol=1e-10,
+                      atol=1e-10).y[:, -1]  # fmt: skip
+    run = tcbench.simulate(method, scenario, tolerance=1e-5)
+    assert run.ok, run.failure
+    assert np.abs(run.z[-1] - exact).max() < 1e-5
