@@ -84,7 +84,7 @@ class Formulas(NamedTuple):
 
 @once
 def formulas(symbolic: System) -> Formulas:
-    """Those of all systems of one structure, by their `System.symbolic`."""
+    """The formulas of all systems of one structure, of which `System.symbolic` is one; made once."""
     with trace.tracing() as table:
         *mending, fixed = mending_kernels(symbolic)
         z, K = (symbolic.state(trace.variables(name, symbolic.size)) for name in "zK")
@@ -124,13 +124,13 @@ def formulas(symbolic: System) -> Formulas:
 
 
 def depending(values: list[Any], on: list[Any]) -> set[int]:
-    """Which of the values read any of these."""
+    """Indices of those values that depend on any number of `on`."""
     moving = trace.depends_on(list(map(lifted, values)), on)
     return {i for i, x in enumerate(values) if lifted(x).number in moving}
 
 
 def products(there: Any) -> int:
-    """Of an elimination whose factors have such entries, shape (n, n)."""
+    """How many products an elimination takes whose factors have these entries; `there` is boolean, shape (n, n)."""
     return sum(int(there[j + 1 :, j].sum()) * int(there[j, j:].sum()) for j in range(len(there)))
 
 
@@ -163,23 +163,24 @@ def kinks_of(rates: list[Any], variables: list[Any]) -> list[Any]:
 
 
 def kink_blocks(kinks: list[Any]) -> list[Block]:
-    """The same of arrays over spaces: each over the space of what changes its sign, as its slope may be one for all."""
+    """The kinks of arrays over spaces as blocks: each over the space of the number that changes its sign, for its slope
+    may be one number for all."""
     return alone(kinks, kinks[: len(kinks) // 2] * 2)
 
 
 def parts_of(system: Any, z: Any, K: Any) -> list[Part]:
-    """Of the energy and of the entropy at a state with these rates: of numbers, or of arrays."""
+    """The cuts of the energy and of the entropy at a state z with rates K, shape (size,) each; of numbers or arrays."""
     return [Part(system.cut(name), entries(z), entries(K)) for name in ("energy", "entropy")]
 
 
 def lists_of(parts: Sequence[Part]) -> Iterator[list[Any]]:
-    """y, start, motion, slopes and means of both."""
+    """Five lists, each of the energy's entries and then the entropy's: y, start, motion, slopes, means (see `Part`)."""
     names = ("y", "start", "motion", "slopes", "means")
     return ([x for part in parts for x in getattr(part, name)] for name in names)
 
 
 def rates_of(system: Any, z: Any, parts: Sequence[Part]) -> Any:
-    """Of the state at a node, with the projected gradients."""
+    """The rates at a node, shape (size,), with projected gradients in the place of grad E and grad S."""
     gradients = [system.state(refilled(z, part.gradient)) for part in parts]
     if system.multipliers:
         return reduced(system, z, *gradients)

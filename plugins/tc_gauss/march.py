@@ -86,8 +86,8 @@ def turns(w: Work, before: Floats, after: Floats, h: float) -> bool:
 
 @rare
 def first_part(w: Work, h: float) -> float:
-    """The part of a step that is as long as what decays fast takes, where it begins with an initial layer: off the slow
-    manifold (I - hM)^-1 leaves little of the rates. A power of 1/2; 1 of a state that is on it."""
+    """The part of a step, a power of 1/2, to take first where it begins with an initial layer: as long as the fastest
+    decay takes. The state is in such a layer where (I - hM)^-1 leaves little of its rates; else the part is 1."""
     before, after = 0.0, 0.0
     for i in range(w.m):
         w.sides[i, 0], w.sides[i, 1] = w.start[i], 0.0

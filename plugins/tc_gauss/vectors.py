@@ -68,7 +68,7 @@ def less(lanes: Any, x: Complex, y: Complex) -> Complex:
 
 
 def shared(lanes: Any, made: Formulas) -> dict[Any, str]:
-    """What stands for constants."""
+    """The text for each constant of the formulas: a number of `b`, the same in all lanes."""
     return {x: lanes.number(lanes.b, i) for x, i in made.places.items()}
 
 
@@ -103,7 +103,8 @@ def factors(made: Formulas, at: Factors, k: int) -> str:
 
 
 def damping(made: Formulas, at: Factors, k: int) -> str:
-    """(I - hJ)^-1 of the rows of `out` of the own variables, in place. a: the factors."""
+    """Text of a kernel that applies (I - hJ)^-1 to the rows of `out` that belong to own variables, in place. a: the
+    factors."""
     lanes, lane = Lanes(), coefficients(k).pairs
     x = [lanes.row(lanes.out, WIDTH * i) for i in at.own]
     for j in range(at.size):
@@ -119,7 +120,8 @@ def damping(made: Formulas, at: Factors, k: int) -> str:
 
 
 def solved(lanes: Any, at: Factors, first: int, x: list[Complex]) -> list[Complex]:
-    """By the factors, which stand in `a` from `first` on."""
+    """The solution of (I - h w J) x = what x is now, for all eigenvalues w at once. The factors stand in `a` from
+    `first` on."""
 
     def factor(i: int, j: int) -> Complex:
         place = first + at.place(i, j)

@@ -107,6 +107,8 @@ def scenario_facts(scenario: Scenario) -> dict[str, Any]:
 def rates(scenario: Scenario) -> list[float] | None:
     """The fastest decay and the fastest oscillation at the start: of eigenvalues x of the Jacobian the largest -Re x
     and |Im x|, in the scenario's unit of time, to three digits; None of large systems and where there is no Jacobian.
+
+    By differences, which have these digits: the exact Jacobian would be compiled for them, in the process that waits.
     """
     model, z0 = scenario.model, np.asarray(scenario.z0)
     if model.large:

@@ -41,24 +41,24 @@ MOST_MOVES = (
 
 
 def laws(system: System, z: Any) -> list[Any]:
-    """Energy, each invariant, entropy."""
+    """The values of the laws at a state: energy, each invariant, entropy; each a number in its own unit."""
     return [system.energy(z), *system.momenta(z), system.entropy(z)]
 
 
 def gradients(system: System, z: Any) -> list[Any]:
-    """Of the same."""
+    """The gradients of the laws at a state, in the order of `laws`; each as a state, shape (size,)."""
     return [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
 
 
 def constraints(system: System, z: Any) -> list[Symbol]:
-    """What has to be 0 under constraints: they and their rates."""
+    """The constraints g(z) and their rates dg/dt, which have to be 0; [] of a system without constraints."""
     if not system.multipliers:
         return []
     return entries(system.constraint_values(z), system.constraint_speeds(z))
 
 
 def constraint_slopes(system: System, z: Any) -> list[Any]:
-    """Of the same."""
+    """The gradients of `constraints`, in its order; each as a state, shape (size,)."""
     return [system.state(refilled(z, chain_rule.gradient(f, entries(z)))) for f in constraints(system, z)]
 
 
@@ -95,13 +95,14 @@ def shortest_move(
 
 
 def by_variable(system: System, x: Any, y: Any) -> Any:
-    """For each number of a state x . y of its variable, which does not turn with the axes."""
+    """For each number of a state the product x . y over its whole variable, which is the same in turned axes; shape
+    (size,)."""
     products = [[v] * len(entries(a)) for v, a in zip(_products(system, x, y), blocks_of(system, x), strict=True)]
     return refilled(x, [v for alike in products for v in alike])
 
 
 def product(system: System, x: Any, y: Any) -> Any:
-    """x . y of a covector and a rate, variable by variable."""
+    """The number x . y of a covector x and a rate y, shape (size,) each, summed variable by variable."""
     return sum(_products(system, x, y), const(0.0))
 
 
@@ -110,8 +111,8 @@ def _products(system: System, x: Any, y: Any) -> list[Symbol]:
 
 
 def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float:
-    """What is missed most, in units of what is allowed, of the energy and the invariants of `first` and no less entropy
-    than that. now, first: (E, S, invariants...)."""
+    """The largest miss of a law over what it may miss, dimensionless: of the energy and the invariants of `first`, and
+    of an entropy that is no less than `entropy`. now, first: (E, S, invariants...)."""
     most: float = (entropy - now[ENTROPY]) / allowed[ENTROPY]
     for i in range(len(allowed)):
         if i != ENTROPY:
@@ -133,7 +134,7 @@ def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
 
 @once
 def _of_arrays(net: Any) -> tuple[Any, Any, Any, list[Symbol]]:
-    """Those of a kind, one for all methods."""
+    """The kernels of systems over spaces, compiled once for all methods."""
     with trace.tracing():
         return _made(net)
 
@@ -148,7 +149,7 @@ def _made(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
 
 
 def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
-    """What the three give, a state and numbers."""
+    """The outputs of the kernels start, mend and hold (`mending_kernels`), each a state and then numbers."""
     held = constraints(system, z)  # the last but the entropy, as its slope is to leave them alone
     energy, *others, entropy = [trace.lifted(v) for v in laws(system, z)]
     first, *further, last = gradients(system, z)
