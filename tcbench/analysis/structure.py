@@ -51,7 +51,7 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
             warm = _is_warm(model, *case[:3])
             for one in owed:
                 if warm or not one.rises:
-                    one.see(*case[1:])
+                    one.see(*case)
         for i, name in enumerate(lost):
             slope = found[(4 + i) * n : (5 + i) * n]
             lost[name] = max(lost[name], *(relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
@@ -94,6 +94,7 @@ class _Condition:
     covector: str
     worst: float = 0.0
     terms: Any = None
+    state: Any = None
     seen: int = 0
     fallen: int = 0
 
@@ -110,7 +111,7 @@ class _Condition:
     def measured(self) -> str:
         return "violation" if self.rises else "defect"
 
-    def see(self, dE: Any, dS: Any, reversible: Any, irreversible: Any) -> None:
+    def see(self, z: Any, dE: Any, dS: Any, reversible: Any, irreversible: Any) -> None:
         covector = dE if self.covector == "dE" else dS
         rate = reversible if self.formula == "reversible" else irreversible
         defect = relative(covector, rate)
@@ -119,7 +120,7 @@ class _Condition:
             defect = max(0.0, -float(covector @ rate) / size)
         self.seen, self.fallen = self.seen + 1, self.fallen + (defect > CANCELLED)
         if defect > self.worst or math.isnan(defect):
-            self.worst, self.terms = defect, covector * rate
+            self.worst, self.terms, self.state = defect, covector * rate, z
 
     def why(self, model: System) -> str:
         """What an author does about it: which terms do not cancel, or that a sign is wrong."""
@@ -130,7 +131,7 @@ class _Condition:
             return f"the entropy falls everywhere: is a sign wrong? {told[0].upper()}{told[1:]}"
         parts = {name: float(self.terms[a:b].sum()) for name, (a, b, _) in model.layout.items()}
         shown = " + ".join(f"({value:.3g} of {name})" for name, value in parts.items() if value)
-        return f"{told} At worst {self.covector} . rate = {shown}."
+        return f"{told} At worst {self.covector} . rate = {shown}, at {told_state(model, self.state)}."
 
 
 CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, where it is from, whose rate, with which covector
@@ -231,6 +232,13 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
         outputs = [trace.lifted(x) for part in (*covectors, *rates) for x in part]
         outputs += [x for line in trace.jacobian(list(sym.momenta(z)), list(z)) for x in line]
         return kernel(placed("a", [*z, *factors]) | sym.constant_symbols(), outputs), len(factors)
+
+
+def told_state(model: System, z: Any) -> str:
+    """A state, its first numbers."""
+    names = model.component_names
+    shown = [f"{name} = {value:.4g}" for name, value in zip(names[:6], np.asarray(z), strict=False)]
+    return ", ".join(shown) + ", ..." * (len(names) > 6)
 
 
 OF_ELEMENTS = {"reversible": "element_energy", "irreversible": "conduction", "entropy": "entropies"}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.structure import constant, rates_of, relative, written
+from ..analysis.structure import constant, rates_of, relative, told_state, written
 from ..analysis.theorems import SEED, admissible_states
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
@@ -45,7 +45,7 @@ def far(scenario: Scenario) -> Line:
     if not (found := _violated(scenario, FAR)):
         return Line("far out", OK, f"the conditions hold {FAR:g} times as far from the start")
     formula, defect, z = found
-    where = f"at {_told(model, z)}"
+    where = f"at {told_state(model, z)}"
     if defect:
         said = f"{written(model, formula)}: an identity that holds near the start is violated by {defect:.1e} {where}"
         return Line("far out", FAIL, said, "Identities hold at every state. Is there a branch in disguise?")
@@ -67,13 +67,6 @@ def _violated(scenario: Scenario, reach: float) -> tuple[str, float, Any] | None
         if dS @ irreversible < -BROKEN * (np.abs(dS) @ np.abs(irreversible)):
             fallen = "irreversible", 0.0, z
     return fallen
-
-
-def _told(model: System, z: Any) -> str:
-    """A state, its first numbers."""
-    names = model.component_names
-    shown = [f"{name} = {value:.4g}" for name, value in zip(names[:6], np.asarray(z), strict=False)]
-    return ", ".join(shown) + ", ..." * (len(names) > 6)
 
 
 def bracket(scenario: Scenario) -> Line:
@@ -211,14 +204,20 @@ def temperatures(scenario: Scenario) -> Line:
     theta = np.array([np.asarray(model.temperatures(z)) for z in states])
     dE = np.array([np.asarray(model.gradient(z)) for z in states])
     dS = np.array([np.asarray(model.entropy_gradient(z)) for z in states])
-    with np.errstate(all="ignore"):
-        quotients = dE / dS
-        known = np.abs(theta[:, :, None] / quotients[:, None, :] - 1).max(axis=0) < EXACT
-    where = written(model, "temperature")
+    quotients = np.divide(dE, dS, out=np.full_like(dE, np.nan), where=dS != 0)
+    known = (np.abs(theta[:, :, None] - quotients[:, None, :]) < EXACT * theta[:, :, None]).all(axis=0)
     for k in np.flatnonzero(~known.any(axis=1))[:1]:
         which = f"number {k} " if theta.shape[1] > 1 else ""
-        found = f"{where}: {which}is no dE / dS of a variable, as it would be where S = s (dE.s) or E = u (1 / dS.u)"
-        return Line("temperatures", NONE, found, "If it is a mean of several, this is all right.")
+        found = f"{written(model, 'temperature')}: {which}is no dE / dS of a variable"
+        there = np.isfinite(quotients)
+        bounds = [of(quotients, axis=1, where=there, initial=end) for of, end in ((np.min, np.inf), (np.max, -np.inf))]
+        outside = (theta[:, k] < bounds[0] * (1 - EXACT)) | (theta[:, k] > bounds[1] * (1 + EXACT))
+        if not (outside.all() and theta.shape[1] <= there.all(axis=0).sum()):
+            return Line("temperatures", NONE, found, "If it is a mean of several, this is all right.")
+        least, most = (of[0] for of in bounds)
+        those = f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
+        found += f", nor between them: {theta[0, k]:.4g} for {those} at {told_state(model, states[0])}"
+        return Line("temperatures", FAIL, found, "It is dE by dS: dE.s where S = s, 1 / dS.u where E = u.")
     return _stable(model, known, states) or Line("temperatures", OK, "each is dE / dS of a variable")
 
 
@@ -237,7 +236,7 @@ def _stable(model: System, known: Any, states: Any) -> Line | None:
             if there < here * (1 - STEP**2):
                 name = model.component_names[i]
                 found = (
-                    f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, at {_told(model, z)}"
+                    f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, at {told_state(model, z)}"
                 )
                 return Line("temperatures", NONE, found, "A heat capacity below 0 is unstable. Is it meant?")
     return None

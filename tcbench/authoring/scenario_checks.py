@@ -41,12 +41,9 @@ def metadata(scenario: Scenario) -> Line:
     missing = [name for name in ("shows", "source") if not getattr(scenario, name)]
     if missing:
         remedy = "Say what a reader should look at (shows=) and where the numbers are from (source=)."
-        return Line("metadata", FAIL, f"{' and '.join(missing)} empty", remedy)
-    return Line(
-        "metadata",
-        OK,
-        f"system {scenario.system.name}, t_end {scenario.t_end:g}, dt {scenario.dt:g}, {scenario.source!r}",
-    )
+        return Line("metadata", NONE, f"{' and '.join(missing)} empty", remedy)
+    told = f"system {scenario.system.name}, t_end {scenario.t_end:g}, dt {scenario.dt:g}, {scenario.source!r}"
+    return Line("metadata", OK, told)
 
 
 def formulas(scenario: Scenario) -> list[Line]:

@@ -65,7 +65,10 @@ def simulate_command(
     if as_json:
         terminal.print_json(row)
     else:
-        terminal.print_row(row, verdicts(integrator, row))
+        notes = verdicts(integrator, row)
+        if run_.t[-1] > (end := run_.scenario.t_end) * (1 + 1e-9):  # whole steps do not fit
+            notes["t_final"] = f"the last of {run_.steps} steps ends past t_end = {end:g}"
+        terminal.print_row(row, notes)
         if csv is not None:
             terminal.say(f"{len(run_.t)} states in {csv}")
         if shown is not None:

@@ -136,13 +136,17 @@ def print_tables(tables: Mapping[str, DataFrame], known: Mapping[str, Table]) ->
 
 
 def print_table(frame: DataFrame, known: Table) -> None:
-    """One table, one block a scenario, or a family of them, where its study says what fits a terminal."""
+    """One table, one block a scenario, or a family of them, where its study says what fits a terminal; then what its
+    headings mean."""
     by = "family" if "family" in frame else "scenario"
     if not known.terminal or by in known.terminal or by not in frame or known.name == "claims":
         _print_block(f"\n{known.name}", frame, known)
     else:
         for group, part in frame.groupby(by, sort=False):
             _print_block(f"\n{known.name}: {group}", part, known)
+    told = (column(name, known) for name in shown(frame, known))
+    if means := [f"{one.short}: {one.label}" for one in told if one.short.replace("_", " ") != one.label]:
+        say(f"Headings: {'; '.join(means)}.")
 
 
 def shown(frame: DataFrame, known: Table) -> list[str]:

@@ -1,6 +1,7 @@
 """`tcbench check` on systems with one fault each: what is wrong is said once, with the author's line."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -178,6 +179,44 @@ def test_matrices_are_asked_before_they_are_projected(fault):
     name, wrong, claim = MATRICES[fault]
     found = failed(type("Wrong", (ByMatrices,), {name: wrong}))
     assert f"test_check_systems.py, line {wrong.__code__.co_firstlineno}" in found[claim]
+
+
+class TwoBodies(Right):
+    variables = {"q": (2,), "p": (2,), "s": (2,)}
+
+    def energy(self, z):
+        return z.p @ z.p / 2 + z.q @ z.q / 2 + np.exp(z.s).sum()
+
+    def entropy(self, z):
+        return z.s.sum()
+
+    def irreversible(self, z, dE, dS):
+        return {"p": -self.eta * dE.p, "s": self.eta * (dE.p @ dE.p) / (2 * dE.s)}
+
+
+@pytest.mark.parametrize(
+    ("temperature", "verdict"),
+    [
+        (lambda self, z, dE, dS: dE.s, check.OK),
+        (lambda self, z, dE, dS: dE.s.mean(), check.NONE),  # between the two
+        (lambda self, z, dE, dS: dE.s - 0.5, check.FAIL),  # not absolute
+        (lambda self, z, dE, dS: 3 * dE.s.sum(), check.FAIL),
+    ],
+)
+def test_a_wrong_temperature_fails_and_a_mean_does_not(temperature, verdict):
+    """It was a "-" line, which nobody mends."""
+    kind = type("Warm", (TwoBodies,), {"temperature": temperature})
+    start = {"q": [1, 0], "p": [0, 1], "s": [0.1, 0.3]}
+    scenario = Scenario("warm", kind, {"eta": 0.1, "theta": 1}, initial=start, t_end=1, dt=0.1)
+    *_, line = check.scenario_lines(scenario, ["temperatures"])
+    assert line.verdict == verdict and (" at q0 = " in line.found) == (verdict == check.FAIL)
+    *_, line = check.scenario_lines(scenario, ["metadata"])
+    assert (line.verdict, line.found) == (check.NONE, "shows and source empty")  # a note for readers, no failure
+
+
+def test_a_violated_condition_is_told_with_its_terms_and_its_state():
+    lost = type("Lost", (Right,), {"irreversible": lambda self, z, dE, dS: {"p": -dE.p, "s": 0.9 * dE.p @ dE.p / dE.s}})
+    assert re.search(r"dE \. rate = .* of p.* of s\), at q0 = [^,]+, q1 = ", failed(lost)["irreversible keeps energy"])
 
 
 @pytest.mark.parametrize(("kind", "only"), [(Right, ()), (ByMatrices, BY_FORMULAS)])

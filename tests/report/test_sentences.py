@@ -259,6 +259,8 @@ def test_a_run_ends_with_a_row_a_method_and_simulate_says_whether_claims_were_ke
     assert "max |E − E₀| / V₀" in told["energy_error_max"] and "not claimed, not kept" in told["energy_error_max"]
     assert told["angular_momentum_error_max"].endswith("  claimed, kept")
     assert told["second_law_violations"].endswith("  not claimed, kept")
+    done = CliRunner().invoke(main, ["simulate", "midpoint_entropy", "short_term", "--dt", "0.7", "--t-end", "3"])
+    assert re.search(r"t_final +3\.5 .* the last of 5 steps ends past t_end = 3\n", done.stdout)
 
 
 def test_an_ensemble_alone_has_a_row_a_method_over_all_its_steps():

@@ -28,6 +28,8 @@ def test_a_plugins_word_on_its_own_column_is_the_one_that_counts():
     assert (told.label, told.worse) == ("largest miss, mm", "higher") != (column("error").label, column("error").worse)
     assert column("gain_area", mine).label == "gain of area"
     assert column("energy_error_max", mine) == column("energy_error_max")
+    (bought,) = (table for table in own_tables() if table.name == "bought")
+    assert column("over_1e-3", bought).short == "error/1e-3" and "tolerance asked for" in column("over_1e-3").label
 
 
 def test_what_tcbench_says_of_a_column_it_says_once():
