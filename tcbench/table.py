@@ -75,7 +75,9 @@ class Column:
     def named(self, name: str) -> Column:
         """It under the name of a column that it fits, with a label, its unit in it, and a heading."""
         before, _, after = self.name.partition("*")
-        label, short = (text.replace("*", name[len(before) : len(name) - len(after)]) for text in (self.label, self.short))
+        label, short = (
+            text.replace("*", name[len(before) : len(name) - len(after)]) for text in (self.label, self.short)
+        )
         label = label or name.replace("_", " ")
         told = {"name": name, "label": f"{label}, {self.unit}" if self.unit else label, "short": short or name}
         return Column(**{**vars(self), **told})
