@@ -235,7 +235,8 @@ def _stable(model: System, known: Any, states: Any) -> Line | None:
             here, there = (float(np.asarray(model.temperatures(state))[k]) for state in (z, z + more))
             if there < here * (1 - STEP**2):
                 name = model.component_names[i]
-                found = f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, at {told_state(model, z)}"
+                where = f"at {told_state(model, z)}"
+                found = f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, {where}"
                 return Line("temperatures", NONE, found, "A heat capacity below 0 is unstable. Is it meant?")
     return None
 

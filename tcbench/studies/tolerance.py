@@ -36,9 +36,11 @@ BOUGHT = Table(
     "bought",
     (
         "integrator", "scenario",
-        Column("dt_1_percent", "largest step h from which on every error of the state is at most 1 %", "h for 1 %", worse="lower", optional=True),
+        Column("dt_1_percent", "largest step h from which on every error of the state is at most 1 %", "h for 1 %",
+               worse="lower", optional=True),
         Column("steps_1_percent", "steps to an error of 1 %", "steps for 1 %", worse="higher", optional=True),
-        Column("over_*", "error of the state over the tolerance asked for, *", "error/*", worse="higher", optional=True),
+        Column("over_*", "error of the state over the tolerance asked for, *", "error/*",
+               worse="higher", optional=True),
     ),
     derived=True,
 )  # fmt: skip
