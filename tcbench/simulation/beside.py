@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..reference.path import TOLERANCE, Path, path_of, watched
 from ..systems.scenario import Scenario
@@ -58,6 +59,19 @@ def beside_the_exact(run: Trajectory) -> dict[str, float]:
             "theta_min": float(least[:count].min()), "theta_min_exact": float(low[:count].min()),
             "theta_max": float(most[:count].max()), "theta_max_exact": float(high[:count].max()),
         }  # fmt: skip
+    return found
+
+
+def distance(run: Trajectory) -> NDArray[np.float64]:
+    """How far each recorded state is from the exact course: max |z_i - exact_i| / max(least size, |exact_i|).
+
+    Shape (m,), dimensionless; NaN beyond HORIZON and where there is no such course, whose own error is some 1e-8.
+    """
+    exact, least = _exact(run.scenario, min(HORIZON, run.scenario.t_end)), run.scenario.model.least_each
+    found = np.full(len(run.t), math.nan)
+    for k in np.flatnonzero(run.t <= exact.end * (1 + 1e-12)) if exact is not None else ():
+        there = exact(min(float(run.t[k]), exact.end))
+        found[k] = np.max(np.abs(run.z[k] - there) / np.maximum(least, np.abs(there)))
     return found
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..systems.plane import drawn
 from ..systems.state import LETTERS
+from .beside import distance
 from .metrics import invariant_scale
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 POINTS = 180  # states that a row keeps
-DIGITS, DIGITS_LOST = 9, 6  # of what a row keeps: of states, and of what a law has lost
+DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # of what a row keeps: states, losses of laws, distance from the exact motion
 LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
 RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
@@ -53,12 +54,16 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
 def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[float]]]:
     """What a row keeps of a run of which every state was recorded: some `points` states, and the first ones.
 
-    "series" has the columns of every k-th state and of the last one. "opening", where k > 1, has positions and
-    temperatures of the first `points` steps: a path of every twentieth state is no path. Rounded.
+    "series" has the columns of every k-th state and of the last one, and `distance` as exact_error. "opening", where
+    k > 1, has positions and temperatures of the first `points` steps: a path of every twentieth state is no path.
+    Rounded.
     """
     stride = max(1, run.scenario.steps(run.dt) // points) if run.dt > 0 else 1
     last = len(run.t) - 1
-    found = {"series": _rounded(columns(run, np.unique([*range(0, last, stride), last])))}
+    keep = np.unique([*range(0, last, stride), last])
+    found = {"series": _rounded(columns(run, keep))}
+    if np.isfinite(far := distance(run)[keep]).any():
+        found["series"]["exact_error"] = [float(f"{v:.{DIGITS_FAR}g}") for v in far]
     if stride > 1:
         opening = columns(run, slice(points + 1))
         laws = {"energy", "entropy", *run.invariants}

@@ -1,5 +1,6 @@
 """Charts: a table in, a Figure out, whatever the table holds; the same look for a method everywhere, and who leads."""
 
+from itertools import combinations
 from pathlib import Path
 
 import awkward
@@ -126,10 +127,12 @@ def test_methods_are_told_apart_by_the_colour_blind_too():
         "deuteranope": np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]]),
         "protanope": np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]]),
     }
-    looks = list(plot.run_looks(awkward.everything([*awkward.FORTY[:20], *FIXED], ["short_term"])).values())
+    named = plot.run_looks(awkward.everything([*awkward.FORTY[:20], *FIXED], ["short_term"]))
+    looks, fixed = list(named.values()), [i for i, name in enumerate(named) if name in FIXED]
     for who, matrix in see.items():
         seen = [np.clip(matrix @ np.array(to_rgb(one.colour)) ** 2.2, 0, 1) ** (1 / 2.2) for one in looks]
         pairs = [(i, j) for i in range(len(looks)) for j in range(i) if looks[i].marker == looks[j].marker]
+        pairs += [(i, j) for i, j in combinations(fixed, 2) if looks[i].dash == looks[j].dash]  # leaders: lines, too
         assert all(np.linalg.norm(seen[i] - seen[j]) > 0.08 for i, j in pairs), who
         others = np.clip(matrix @ np.array(to_rgb(OTHER.colour)) ** 2.2, 0, 1) ** (1 / 2.2)
         away = {look.colour: np.linalg.norm(one - others) for look, one in zip(looks, seen, strict=True)}

@@ -229,15 +229,35 @@ def test_hostile_names_stay_text_in_every_view(hostile, visit):
     assert page.evaluate("document.querySelectorAll('[onerror], [onload], [onclick], main script').length") == 0
 
 
-def test_every_control_is_reached_by_keyboard(full, visit):
-    page = visit(full)
-    page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.textContent") == "Skip to the overview"
-    reached = set()
-    for _ in range(60):
+# what answers to a click and is no control of its own accord; lines of charts answer to arrow keys, as cells do
+CLICKED = """() => [...document.querySelectorAll("body *")].filter(e => e.checkVisibility()
+  && getComputedStyle(e).cursor === "pointer" && !e.closest("a, button, select, input, summary, label, [tabindex='0']"))
+  .map(e => e.outerHTML.slice(0, 80))"""
+STOPS = """() => [...document.querySelectorAll("a[href], button, select, input, summary, [tabindex='0']")]
+  .filter(e => e.checkVisibility() && e.tabIndex >= 0 && !e.disabled).map(e => e.outerHTML.slice(0, 200))"""
+HERE = """() => { const e = document.activeElement, s = getComputedStyle(e);
+  return [e.outerHTML.slice(0, 200), s.outlineStyle !== "none" && parseFloat(s.outlineWidth) > 0]; }"""
+
+
+@pytest.mark.parametrize("place", ["", "#scenario=stiff_spring", "#method=tc_strang", "#claims", "#table=stability"])
+def test_tab_alone_reaches_every_control_and_shows_where_it_is(full, place, visit):
+    page = visit(full, place)
+    page.wait_for_timeout(300)
+    assert page.evaluate(CLICKED) == []
+    reached = {}
+    for _ in range(400):
         page.keyboard.press("Tab")
-        reached.add(page.evaluate("document.activeElement.tagName.toLowerCase()"))
-    assert {"a", "select", "button", "svg"} <= reached
+        element, seen = page.evaluate(HERE)
+        if element in reached and len(reached) > 5 and element == next(iter(reached)):
+            break
+        reached.setdefault(element, seen)
+    assert "Skip to the overview" in next(iter(reached))
+    assert {*page.evaluate(STOPS)} - {*reached} == set()
+    assert [element for element, seen in reached.items() if not seen and not element.startswith("<body")] == []
+
+
+def test_keys_walk_the_matrix_and_open_a_cell(full, visit):
+    page = visit(full)
     page.locator(".matrix tbody th a").first.focus()
     page.keyboard.press("ArrowRight")
     here = page.evaluate("document.activeElement.getAttribute('href')")

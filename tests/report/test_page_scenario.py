@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from pathlib import Path
 
 import awkward
 import numpy as np
@@ -225,3 +226,21 @@ def test_a_tolerated_error_leads_to_a_step_and_a_problem_to_what_it_is_like(full
     assert "Fast vibrations" in here.nth(0).inner_text() and "within a step" in here.nth(1).inner_text()
     page.locator("#like-page a", has_text="stiff_spring").click()
     page.locator("#scenario-page h2", has_text="stiff_spring").wait_for()
+
+
+def test_the_published_page_tells_a_step_for_one_per_cent_and_repeats_a_claim(tmp_path, visit):
+    """It has no study of speed; the errors that its table of laws has were not shown."""
+    folder = Path(__file__).parents[2] / "results" / "baseline"
+    page = visit(write_report(folder, page=tmp_path / "page.html"), "#scenario=stiff_spring")
+    heads = [text.rstrip(" ▾") for text in page.locator(".rank thead th").all_inner_texts()]
+    cells = page.locator(".rank tbody tr", has_text="tc_monolithic").locator("td").all_inner_texts()
+    table = pd.read_csv(folder / "tables" / "conservation.csv")
+    mine = table[table["integrator"].eq("tc_monolithic") & table["scenario"].eq("stiff_spring")].sort_values("dt")
+    assert float(cells[heads.index("θ error") - 1].rstrip("%")) == pytest.approx(
+        100 * mine["error_theta"].iloc[-1], rel=0.05
+    )
+    step = np.exp(np.interp(np.log(0.01), np.log(mine["error_theta"]), np.log(mine["dt"])))
+    assert float(cells[heads.index("h for 1%") - 1]) == pytest.approx(step, rel=0.06)
+    page.locator("#tabs a", has_text="claims").click()
+    page.locator("#claim-page .again summary").first.click()
+    assert page.locator("#claim-page .again[open] pre").inner_text().startswith("tcbench ")

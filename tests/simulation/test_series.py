@@ -11,6 +11,7 @@ import tcbench
 from tcbench.report.plot import plot
 from tcbench.report.write_report import write_report
 from tcbench.simulation import series
+from tcbench.simulation.beside import distance
 from tcbench.studies.conservation import measure
 from tcbench.systems.scenario import Scenario
 
@@ -36,7 +37,7 @@ def test_what_is_kept_is_the_run_to_nine_digits_and_its_losses_to_six():
     run = tcbench.simulate("midpoint_temperature", SHORT, dt=0.05)
     whole, kept = series.trajectory(run), pd.DataFrame(series.kept(run)["series"])
     rows = np.searchsorted(run.t, kept["t"] - 1e-9)
-    for name in kept:
+    for name in kept.columns.drop("exact_error"):
         lost = name.endswith(("_error", "_fall", "_rise"))
         assert np.allclose(kept[name], whole[name].iloc[rows], rtol=6e-6 if lost else 6e-9, atol=0), name
     assert kept["entropy_fall"].max() >= 0 and kept["energy_error"].max() > 1e-6
@@ -52,7 +53,16 @@ def test_a_failed_run_ends_where_it_failed_and_no_column_is_empty():
     assert kept["t"][-1] == pytest.approx(run.t[-1]) and len(kept["t"]) == len(run.t)
     gas = series.kept(tcbench.simulate("tc_monolithic", "gas_containers"))["series"]
     assert "angular_momentum" not in gas and len(gas["q_1"]) == len(gas["t"])
-    assert all(np.isfinite(values).all() for values in gas.values())
+    assert all(np.isfinite(values).all() for name, values in gas.items() if name != "exact_error")
+    known = np.isfinite(gas["exact_error"])
+    assert (known == (np.array(gas["t"]) <= 25.0001)).all()  # as far as the exact motion is known
+
+
+def test_the_distance_from_the_exact_motion_is_that_from_a_finer_run():
+    run, fine = (tcbench.simulate(m, SHORT, **how) for m, how in (("midpoint_entropy", {"dt": 0.1}), ("tc_auto", {})))
+    exact = tcbench.simulate("tc_auto", SHORT, tolerance=1e-12, times=run.t[1:])
+    wanted = (np.abs(run.z - exact.z) / np.maximum(run.scenario.model.least_each, np.abs(exact.z))).max(axis=1)
+    assert np.allclose(distance(run), wanted, rtol=1e-4, atol=1e-8) and distance(fine).max() < 1e-5
 
 
 def test_only_the_scenarios_own_step_and_steps_off_the_ladder_are_kept():

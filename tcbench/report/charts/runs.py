@@ -26,6 +26,7 @@ LAWS = {
     "entropy_fall": "entropy lost: max S so far − S",
     "angular_momentum_error": "angular momentum: |J − J₀| / |J₀|",
     "lyapunov_rise": "E − θ_ref S regained / V₀",
+    "exact_error": "distance from the exact motion, relative",
 }
 MOST_OF_ARRAY = 6  # numbers of an array that have a panel each
 MOST_PATHS = 12  # panels, of paths or of variables, that still can be read

@@ -45,14 +45,14 @@ KNOWN = {
     "midpoint_entropy": Look(ORANGE, "D", "-"),
     "midpoint_temperature": Look(RED, "v", "--"),
 }
-FIXED = KNOWN | {  # that lead or are compared with most often: told apart from the paper's and from each other
+FIXED = KNOWN | {  # that lead or are compared with most often: those of one dash differ for the colour-blind, too
     "tc_auto": Look(INDIGO, "*", "-"),
     "tc_gauss": Look(TEAL, "h", "-"),
-    "tc_gauss_adaptive": Look(WINE, "p", "-"),
+    "tc_gauss_adaptive": Look(WINE, "p", DASHES[4]),
     "tc_taylor": Look(ROSE, "d", "-"),
     "tc_strang_exact": Look(OLIVE, ">", "-"),
-    "gauss2": Look(PURPLE, "<", "-"),
-    "heyoka": Look(SLATE, "P", "-"),
+    "gauss2": Look(PURPLE, "<", "--"),
+    "heyoka": Look(SLATE, "P", "-."),
     "scipy_odeint": Look(SLATE, "X", "--"),
 }
 OTHER = Look("#b8bec5", "", "-")  # the look of all those that are not in front

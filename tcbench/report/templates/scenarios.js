@@ -73,13 +73,13 @@ const minus = (panel, name) => {
 const losses = async (name, runs, place) => {
   const there = await panelsOf("laws", name), told = await panelsOf("in-time", name);
   if (!there.length) return;
-  const loss = there.find((p) => p.title === chosenIn.loss) || there[0];
+  const far = there.filter((p) => p.title.startsWith("distance from the exact")), laws = there.filter((p) => !far.includes(p)), loss = laws.find((p) => p.title === chosenIn.loss) || laws[0];
   const others = told.some((p) => p.y.scale === "linear") ? runs.map((r) => r.name) : [];
   const only = (p) => { const it = onlyOf(chosenIn.minus ? minus(p, chosenIn.minus) : p, chosenIn.methods); return it.series.length ? it : { ...it, note: "Choose a method above." }; };
-  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", there.map((p) => [p.title, p.title]), loss.title, (c) => { chosenIn.loss = c; losses(name, runs, place); }),
+  place.replaceChildren(el("div", { class: "tools" }, select("Loss of", laws.map((p) => [p.title, p.title]), loss.title, (c) => { chosenIn.loss = c; losses(name, runs, place); }),
     others.length > 1 ? select("variables: less those of", [["", "none"], ...others.map((n) => [n, n])], chosenIn.minus, (c) => { chosenIn.minus = c; losses(name, runs, place); }) : "",
     again(`tcbench run -s ${word(name)} --study conservation -o mine`, `tcbench plot laws mine -s ${word(name)} -o laws.svg`, `tcbench plot in-time mine -s ${word(name)} -o in_time.svg`)),
-  drawnPanels([loss, ...told].map(only), { shown: chosenIn.methods, named: true, why: (m) => runs.find((r) => r.name === m)?.failure }));
+  drawnPanels([loss, ...far, ...told].map(only), { shown: chosenIn.methods, named: true, why: (m) => runs.find((r) => r.name === m)?.failure }));
 };
 
 // one method on one scenario: every run on its ladders, its order, its step
@@ -107,7 +107,7 @@ const answered = (name) => el("p", { class: "answers" }, (page.answers[name] || 
 const DEFINED = {
   laws: "each law of the system: in how many of the runs at a series of steps it was kept; sorted by the share of runs that lost one", stable: "the largest step below which no step tried failed; > means that no limit was found up to there",
   failed: "runs that ended badly, over all steps and all tolerances up to 1e-3: B blow-up, S entropy falls, R no root, P a quantity not positive, x no answer", time: "the least wall time in which the error of the state at the end is that small, interpolated between two steps or tolerances; – not reached, … stopped early",
-  theta: "largest error of the temperatures at the end, relative; of methods with a fixed step", produced: "error of the entropy produced over the run, relative", state: "error of the state at the end, relative to its size",
+  theta: "largest error of the temperatures at the end (t_compared, where the table has that), relative; of methods with a fixed step", produced: "error of the entropy produced up to there, relative", state: "error of the state at the end, relative to its size",
 };
 const ranking = (name, wanted, work) => {
   const steps = unique(work.filter((r) => r.control === "dt").map((r) => r.value)).sort((a, b) => b - a), root = el("div", {});
@@ -180,13 +180,18 @@ const runBehind = (key, name, scenario, work) => {
   return again(`tcbench simulate ${word(name)} ${word(scenario)}${control}`);
 };
 
+// every method at its steps and tolerances: from the study of speed or of tolerances, else from that of the laws
+const rungsOf = async (scenario) => {
+  const from = ["work_precision", "tolerance", "conservation"].find((t) => page.tables[t]), found = rows(await table(from), { scenario });
+  return from !== "conservation" ? found : found.map((r) => ({ ...r, control: known(r.dt) ? "dt" : "rtol", value: r.dt ?? r.tolerance }));
+};
 const scenarios = async (place) => {
   recall(chosenIn, OF_SCENARIO, place);
   const root = $("scenario-page"), name = [place.scenario, page.opening, page.scenarios[0]].find((s) => page.scenarios.includes(s));
   if (!name) { root.replaceChildren(empty("This run has no scenario.")); return; }
   const order = (r) => `${method[r.name]?.family ?? 4}${r.name}`;
   const runs = (await runsOf(name)).sort((a, b) => (order(a) < order(b) ? -1 : 1)), names = runs.map((r) => r.name);
-  const work = rows(await table(page.tables.work_precision ? "work_precision" : "tolerance"), { scenario: name }), speeds = await panelsOf("work-precision", name);
+  const work = await rungsOf(name), speeds = await panelsOf("work-precision", name);
   if (chosenIn.of !== name) [chosenIn.of, chosenIn.methods] = [name, new Set(place.shown ? place.shown.split(" ") : pair(runs, place.method))];
   if (place.method) chosenIn.methods.add(place.method);
   const stage = el("div", {}), charts = el("div", {});
