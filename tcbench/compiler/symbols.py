@@ -196,8 +196,8 @@ def variables(name: str, size: int) -> NDArray[np.object_]:
 
 
 def array(items: Iterable[Any]) -> NDArray[np.object_]:
-    """Object array, shape (count,), of these items, whatever they are: numpy would take sequences apart."""
-    return np.array([*items, None], dtype=object)[:-1]
+    """Object array, shape (count,), of these items, whatever they are: `np.array` would ask each for its own arrays."""
+    return np.fromiter(items, dtype=object)
 
 
 def is_const(node: Symbol, value: float | None = None) -> bool:

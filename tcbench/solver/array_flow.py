@@ -45,7 +45,9 @@ def _pattern(
     jacobian_fits(n, sum(mesh.size(term.over) for _, term in terms if not term.over.startswith("pairs ")))
     entries = scattered(mesh, unknowns, terms)
     pattern = Pattern(n, entries.rows, entries.columns)
-    if len(np.setdiff1d(pattern.diagonal, pattern.places)):
+    met = np.zeros(pattern.nnz, bool)
+    met[pattern.places] = True
+    if not met[pattern.diagonal].all():
         raise TraceError(ZERO_PIVOT)
     return pattern, entries.places(pattern.places, pattern.nnz + positive)
 

@@ -12,7 +12,7 @@ from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, dot
 
-KRYLOV_STEPS = 30  # of BiCGStab, after which the matrix is factorised
+KRYLOV_STEPS = 400  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
 FINEST = 1e-10  # relative residual of a linear system that is solved once
 FIRST = 1e-4  # ... of a first correction of Newton's

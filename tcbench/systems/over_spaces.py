@@ -142,6 +142,17 @@ class OverSpaces(Traced):
             found.__dict__.setdefault("mesh", self.mesh)  # last: by this another thread sees that nothing is missing
         return found
 
+    def name_constants(self) -> None:
+        """Of a large one when they are first asked for: only matrices are traced entry by entry there."""
+        if not self.large:
+            super().name_constants()
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self.__dict__.get("constants", ()) and self.__dict__.get("by_arrays", self) is not self:
+            super().name_constants()
+            return self.__dict__[name]
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     @cached_property
     def mesh(self) -> Mesh:
         """Sizes and tables, for kernels."""

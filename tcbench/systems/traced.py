@@ -148,13 +148,17 @@ class Traced:
         if key not in _SYMBOLIC:
             clone = object.__new__(type(self))
             clone.__dict__.update(attributes(self, self.kept))
-            for name, shape in self.constants.items():
-                symbols = self.symbols_of(name)
-                setattr(clone, name, symbols[0] if shape == () else symbols.reshape(shape).view(SymbolArray))
+            clone.name_constants()
             clone.__dict__["least"] = self.least_symbols()
             _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
         known: Self = _SYMBOLIC[key]
         return known
+
+    def name_constants(self) -> None:
+        """Symbols in the place of constants, of one that has none yet."""
+        for name, shape in self.constants.items():
+            symbols = self.symbols_of(name)
+            setattr(self, name, symbols[0] if shape == () else symbols.reshape(shape).view(SymbolArray))
 
     @property
     def structure(self) -> tuple[Any, ...]:
