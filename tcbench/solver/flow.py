@@ -62,6 +62,7 @@ class CompiledFlow(Record):
     ns: int  # those of a sparse one, or 0
     n_own: int  # of these the first, which are no shared numbers: see compiler.array_jacobian.shared_as_unknowns
     nnz: int  # entries of the sparse one
+    krylov_steps: int  # of BiCGStab, after which the sparse matrix is factorised
     nfull: int  # residual, Jacobian, d residual/dh
     n_constants: int
     n_observables: int

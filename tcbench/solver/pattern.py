@@ -14,6 +14,9 @@ from ..compiler.once import cached_property
 
 DENSE = 100  # rows up to which LAPACK on the whole matrix takes less time than SuperLU: a tenth of it, of 50 rows
 BORDER = 4  # rows that see most others, from which on they are eliminated by themselves
+KRYLOV_STEPS, A_BAND = 30, 0.2  # iterations before a matrix is factorised: at least, and for each number of its width
+FILL = 2.6  # entries of the factors of a mesh in space for each row and number of its width, and half of it in a plane
+MOST_FILL = 3e8  # of them: 4 GB, and minutes for a factorisation
 SHARED = 20  # times the root of their number: a row that sees more is of what all share, as a bath
 
 
@@ -48,20 +51,29 @@ class Pattern:
         self.columns = (key % n).astype(np.int32)
         self.first = np.searchsorted(key, np.arange(n + 1) * n).astype(np.int32)
         self.diagonal = found[len(rows) :][self.order].astype(np.int32)
+        self.band = float((np.arange(n) - self.columns[self.first[:-1]]).mean()) if n else 0.0  # mean width
+        self.left_out = False  # was it to be factorised, and too large for that?
 
     @property
     def nnz(self) -> int:
         return len(self.columns)
 
+    @property
+    def krylov_steps(self) -> int:
+        """Iterations after which it is factorised: of a mesh in space these cost less, however many, than its fill."""
+        return max(KRYLOV_STEPS, int(A_BAND * self.band))
+
     @cached_property
     def factorise(self) -> int:
         """Address of factorise(J, right, out): J the entries, right two right-hand sides (2, n), out: two solutions
-        (2, n), then the sign of the determinant (0: singular)."""
+        (2, n), then the sign of the determinant (0: singular, or larger than MOST_FILL)."""
         return callback(self._factorise, (self.nnz, 2 * self.n, 2 * self.n + 1))
 
     def _factorise(self, J: Any, right: Any, out: Any) -> None:
         out[:] = 0.0
-        if np.all(np.isfinite(J)):
+        if FILL * self.n * self.band > MOST_FILL:
+            self.left_out = True
+        elif np.all(np.isfinite(J)):
             (self._dense if self.n <= DENSE else self._sparse)(J, right, out)
 
     def _bordered(self, J: Any, right: Any, out: Any) -> bool:

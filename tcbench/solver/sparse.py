@@ -1,7 +1,8 @@
 """Newton's correction where the Jacobian is sparse: ILU(0) and BiCGStab, and a whole factorisation where that fails.
 
 In the restricted Python. At usual steps the matrix is near the identity: the incomplete factors are nearly the whole
-ones, their pivots have the signs of the whole ones', and the number of iterations does not depend on the size.
+ones, their pivots have the signs of the whole ones', and the number of iterations does not depend on the size. At steps
+of many times the explicit limit it grows as the number of nodes along the mesh: see `Pattern.krylov_steps`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
 from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, dot
 
-KRYLOV_STEPS = 400  # of BiCGStab, after which the matrix is factorised
 LEAST_PIVOT = 1e-2  # of the incomplete factors, over the row's largest entry: below it they are not trusted
 FINEST = 1e-10  # relative residual of a linear system that is solved once
 FIRST = 1e-4  # ... of a first correction of Newton's
@@ -116,7 +116,7 @@ def krylov(flow: CompiledFlow, tolerance: float) -> bool:
     goal = tolerance * tolerance * size
     if not size < np.inf:
         return False
-    for _ in range(KRYLOV_STEPS):
+    for _ in range(flow.krylov_steps):
         if size <= goal:
             return True
         rho = dot(shadow, r)

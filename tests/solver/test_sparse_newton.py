@@ -7,6 +7,7 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench.solver import flow_kernels, implicit_step
+from tcbench.solver import pattern as patterns
 from tcbench.solver.pattern import Pattern
 
 CASES = [
@@ -147,3 +148,16 @@ def test_small_momenta_are_solved_for_as_positions_that_they_move(made, name):
     for unit in (1.0, 2.0**50):
         run = tcbench.simulate(name, made(unit))
         assert run.ok and "sparse" in run.solver.way and run.summary.energy_error_max < 1e-13
+
+
+def test_a_mesh_in_space_has_more_iterations_and_what_would_fill_memory_is_told_with_the_cure(monkeypatch):
+    pytest.importorskip("skfem")
+    few, many = Pattern(999, range(999), range(999)), Pattern(999, *np.random.default_rng(0).integers(0, 999, (2, 4000)))
+    assert few.krylov_steps == patterns.KRYLOV_STEPS < many.krylov_steps
+    monkeypatch.setattr(patterns, "KRYLOV_STEPS", 1)
+    monkeypatch.setattr(patterns, "A_BAND", 0.0)
+    run = tcbench.simulate("tc_monolithic", "solid[n=2]", dt=0.3, t_end=0.3)
+    assert run.ok, run.failure  # one iteration is not enough, and the matrix is factorised
+    monkeypatch.setattr(patterns, "MOST_FILL", 0.0)
+    run = tcbench.simulate("tc_monolithic", "solid[n=2,viscosity=1]", dt=0.3, t_end=0.3)
+    assert not run.ok and "too many to be factorised; a shorter dt is needed" in run.failure
