@@ -215,7 +215,9 @@ def run_flows(
             if not finite_at_rest(made, flow.memory, model, run.z, dt)
         ]
         if any(made.pattern and made.pattern.left_out for made in kernels):
-            failure += ": iterations did not solve its linear equations, too many to be factorised; a shorter dt is needed"
+            failure += (
+                ": iterations did not solve its linear equations, too many to be factorised; a shorter dt is needed"
+            )
         failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
     found = assemble(integrator, scenario, run, status, failure, wall, way=ready.way)
     ready.give_back()

@@ -152,7 +152,10 @@ def test_small_momenta_are_solved_for_as_positions_that_they_move(made, name):
 
 def test_a_mesh_in_space_has_more_iterations_and_what_would_fill_memory_is_told_with_the_cure(monkeypatch):
     pytest.importorskip("skfem")
-    few, many = Pattern(999, range(999), range(999)), Pattern(999, *np.random.default_rng(0).integers(0, 999, (2, 4000)))
+    few, many = (
+        Pattern(999, range(999), range(999)),
+        Pattern(999, *np.random.default_rng(0).integers(0, 999, (2, 4000))),
+    )
     assert few.krylov_steps == patterns.KRYLOV_STEPS < many.krylov_steps
     monkeypatch.setattr(patterns, "KRYLOV_STEPS", 1)
     monkeypatch.setattr(patterns, "A_BAND", 0.0)
