@@ -10,12 +10,7 @@ from tcbench import Flow, Integrator, family, hookimpl
 from tcbench.solver.invariance import independent_invariants
 
 from .cpg import projected_gradients
-from .tc_invariant import onto_invariants
-
-
-def held(system):
-    """All laws: a projected gradient keeps none of the invariants by itself."""
-    return ("energy", *independent_invariants(system), "entropy")
+from .tc_invariant import projection
 
 
 def cpg_invariant(k="2"):
@@ -24,7 +19,8 @@ def cpg_invariant(k="2"):
         order=2 * int(k),
         claims={"energy", "entropy", "angular_momentum"},
         source="Andrews and Farrell (2025), arXiv 2511.23266; Gonzalez (1996)",
-        flows=[Flow(projected_gradients(int(k)), stages=int(k)), Flow(onto_invariants, of_step=True, numbers=held)],
+        # a projected gradient keeps no invariant by itself
+        flows=[Flow(projected_gradients(int(k)), stages=int(k)), projection(independent_invariants)],
         tags={"projected"},
         by_default=False,
     )

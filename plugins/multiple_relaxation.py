@@ -16,14 +16,12 @@ from tcbench.compiler.derivatives import lifted
 from tcbench.solver.mending import product
 
 from .relaxation import TABLEAUX
-from .tc_invariant import onto_laws
 
 DEPENDENT = 1e-10  # of a rate, its part that is free of those before: round-off
-NONE = 1e-300  # beside a square that may be 0
-
-
-def held(system):
-    return ("energy", "entropy")
+TINY, NONE = 1e-300, 1e-30  # beside squares that may be 0, of rates and of slopes
+AT_REST = 1e-10  # of the square of DS, its part free of DE: less is damped
+SAME = 1e-6  # the same of DE, which may be next to 0
+ROUND_OFF = 1e-15  # of such a square
 
 
 def stages(order, z0, h, system):
@@ -46,8 +44,42 @@ def orthogonal(system, rates, units):
         for e in (*found, *found):  # twice is enough (Parlett)
             rest = rest - e * lifted(product(system, e, rest / units))
         square = lifted(product(system, f, f / units))
-        found.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + NONE) ** 0.5)
+        found.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + TINY) ** 0.5)
     return found
+
+
+def onto_laws(system, shares, start, z0, z1, turned, produced):
+    """z1 = z0 moved along slopes of both laws, each `turned` into a direction by a symmetric matrix, so that the energy
+    is that of `start` and the entropy that of z0 and what is to be `produced`."""
+    a, b = shares.values()
+    before = system.discrete_gradient(start, z0), system.discrete_entropy_gradient(start, z0)
+    ways, sizes, left = free_parts(system, before, turned)
+    rest, entropy = AT_REST**2 / (left[1] + NONE), (left[1] + NONE) ** 0.5
+    move = ways[0] * a + ways[1] * (b / entropy)
+    DE, DS = system.discrete_gradient(start, z1), system.discrete_entropy_gradient(z0, z1)
+    kept = lifted(product(system, DE, z1 - start)) * sizes[0] + (SAME / (left[0] + ROUND_OFF)) ** 8 * a
+    made = (lifted(product(system, DS, move)) - produced) * sizes[1]
+    return z1 - z0 - move, [kept, (entropy * made + rest * b) / (left[1] + rest)]
+
+
+def free_parts(system, slopes, turned):
+    """Directions, each the part of a slope that leaves the laws before it alone (Gram and Schmidt); 1 over the size of
+    each slope; and the square of its free part, over that of the slope."""
+    ways, sizes, left = [], [], []
+    for slope in slopes:
+        way = turned(slope)
+        size = 1 / (lifted(product(system, slope, way)) + NONE) ** 0.5
+        way = way * size
+        shares = [
+            lifted(product(system, slope, other)) * size / (square + ROUND_OFF)
+            for other, square in zip(ways, left, strict=True)
+        ]
+        for share, other in zip(shares, ways, strict=True):
+            way = way - other * share
+        ways.append(way)
+        sizes.append(size)
+        left.append(abs(lifted(product(system, slope, way)) * size))
+    return ways, sizes, left
 
 
 def runge_kutta(order):
@@ -88,7 +120,7 @@ def multiple_relaxation(order="4"):
         order=p,
         claims={"energy", "entropy"},
         source="Biswas and Ketcheson (2023), SIAM J. Sci. Comput. 45: A3305-A3331; Ranocha et al. (2020)",
-        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, numbers=held)],
+        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, numbers=("energy", "entropy"))],
         tags={"explicit", "projected"},
         by_default=False,
     )

@@ -24,7 +24,18 @@ import numpy as np
 from tcbench import Flow, Integrator, System, TcbenchError, family, hookimpl
 from tcbench.plugins import find_integrator
 from tcbench.solver.flow_kernels import apply_explicit
-from tcbench.solver.mending import ENTROPY, LAWFUL, NEAR, SHRUNK, by_variable, gradients, laws, missed, shortest_move
+from tcbench.solver.mending import (
+    ENTROPY,
+    LAWFUL,
+    NEAR,
+    SHRUNK,
+    Along,
+    by_variable,
+    gradients,
+    laws,
+    missed,
+    moved_along,
+)
 
 from .exact_conduction import VERLET_HEAT4
 from .solver_kinks import stopped_at_kinks
@@ -72,11 +83,14 @@ def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, f
 
 
 def move(system: System, z: Any, start: Any, first: Any, weights: Any) -> Any:
-    """From z to the laws of `first`, and the entropy of `start` at least, to first order."""
+    """From z to the laws of `first`, and the entropy of `start` at least, to fourth order."""
     entropy = system.entropy(start)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
-    misses = [target - f for target, f in zip(wanted, laws(system, z), strict=True)]
-    return shortest_move(system, misses, gradients(system, z), weights, at_least=True)
+
+    def misses(z: Any) -> list[Any]:
+        return [target - f for target, f in zip(wanted, laws(system, z), strict=True)]
+
+    return moved_along(Along(system, gradients(system, z), lambda slope: weights * slope), misses, z, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:

@@ -40,10 +40,13 @@ class Flow:
         (q, p, u) with the energies u of the elements.
     stages : int
         Further states that are unknowns of the step.
-    numbers : tuple of str, or function of a system
-        Names of further unknowns, each a number, dimensionless; a function returns those of a system that has symbols
-        for constants. The formula has a mapping name -> number as its last argument where there are any, and then
-        returns (rows, equations): the rows as ever, and one equation for each number, whose slope in it is positive.
+    numbers : tuple of str
+        Names of further unknowns, each a number, dimensionless. The formula has a mapping name -> number as its last
+        argument where there are any, and then returns (rows, equations): the rows as ever, and one equation for each
+        number, whose slope in it is positive.
+    chosen : function, optional
+        What the formula has to know of a system as a whole: chosen(system), of one with symbols for constants, is
+        hashable and the formula's last argument; () of an explicit formula with `most`: there is nothing to mend.
     of_step : bool
         The formula has two more arguments, states (q, p, s): the one at the start of the whole step, before its first
         flow, and the first one of the run (of which it may use constants of the motion only: a step has no memory).
@@ -68,7 +71,8 @@ class Flow:
     fraction: float = 1.0
     variables: str = "entropy"
     stages: int = 0
-    numbers: tuple[str, ...] | Callable[[Any], tuple[str, ...]] = ()
+    numbers: tuple[str, ...] = ()
+    chosen: Any = None
     of_step: bool = False
     memory: int = 0
     most: int = 1

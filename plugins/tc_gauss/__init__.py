@@ -46,7 +46,7 @@ def several(z, h, count, system, method):
 def tc_gauss(k="3"):
     return Integrator(
         name="tc_gauss", order=2 * int(k), claims=EXACT, source=SOURCE, step=increments, increments=True, march=several,
-        workspace=partial(method_of, stages=int(k)), tags={"collocation"},
+        workspace=partial(method_of, stages=int(k)), tags={"collocation", "constraints"},
     )  # fmt: skip
 
 

@@ -110,7 +110,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     beside the energy of the run, it is mended.
     """
     z, carry = w.z, w.carry
-    w.budget.limit = math.inf
+    w.budget.limit, w.solve.leaves = math.inf, w.constrained
     copy_into(z, z0)
     fill(dz_total, 0.0)
     fill(carry, 0.0)
@@ -131,7 +131,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
             continue
         w.counts.steps += 1
         missing = abs(w.end_energy[0] - w.run[0])
-        if missing > w.miss[0]:
+        if missing > w.miss[0] and not w.constrained:
             restore_level(w, z, LEVELLED * missing / (w.least_energy + abs(w.run[0])))
         add_compensated(dz_total, w.dz, carry)
         for i in range(len(z)):

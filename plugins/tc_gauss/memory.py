@@ -42,6 +42,7 @@ class Solve(Record, mutable=True):
     factored: bool  # its factors are made
     contraction: float  # of the iteration
     level: int  # of the quadrature
+    leaves: bool  # constraints by the error of a step, as fixed ones do
 
 
 class Numbers(Record):
@@ -74,6 +75,7 @@ class Work(Record):
     m: int
     n_constants: int
     n_ends: int
+    constrained: bool
     n_kinks: int  # the last ones of these: see `formulas.kinks_of`
     n_factors: int
     n_lanes: int  # m where the iteration is on vectors, else 0

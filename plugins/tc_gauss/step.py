@@ -42,6 +42,7 @@ STAGNATED = 2e-14  # below this a residual that no longer shrinks is round-off
 ROUNDED = 4.0  # the same in residuals: where rates are stiff, round-off is about one (see `iterated`)
 ROUGH = 1e-3  # residual down to which the coarsest quadrature will do
 MENDED = 10.0  # residuals: by how much mending may move
+FARTHEST = 0.1  # of its size, by how much a fixed step may leave its constraints
 SLOW = 0.6  # contraction above which the iteration is given up
 EPSILON = 2.0**-53
 FINER = 0.25  # of what a mended energy may miss: what a quadrature may leave
@@ -272,7 +273,8 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
 
     known: U is a guess. When the energy of a converged step is not kept to round-off, or mending would change more than
     the residual, the quadrature was too coarse for this step: finer ones follow, from `coarsest`, and then convergence,
-    before it is COARSE. A step to round-off has all quadratures.
+    before it is COARSE. A step to round-off has all quadratures. A fixed step leaves constraints by its error, and is
+    mended by that.
     """
     levels = LEVELS if residual <= CONVERGED else ON_VECTORS
     if not known:
@@ -288,6 +290,8 @@ def try_step(w: Work, h: float, z: Floats, known: bool, coarsest: int, residual:
         for i in range(w.m):
             w.dz[i] = w.sums[i]
             w.z1[i] = z[i] + w.dz[i]
+        if w.solve.leaves:
+            return SOLVED if mend(w, FARTHEST) else FAILED
         if residual > CONVERGED and mend(w, MENDED * residual):
             return SOLVED
         call(w.to_start, w.z1, w.c, w.end)

@@ -16,7 +16,7 @@ from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-LITTLE = 1e-16  # as squares, of a state: what is left after such a change is its square
+LITTLE = 1e-8  # as squares, of a state: what mending leaves after such a change is near round-off
 
 
 class Run(Record):

@@ -53,7 +53,7 @@ class Prepared:
         self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
         if method is not None:
-            mends = method.flows[-1].most > 1
+            mends = method.flows[-1].most > 1 and kernels[-1].mends
             if mends and kernels[-1].n_unknowns:
                 raise TcbenchError(
                     f"{method.name!r}: most= is of an explicit formula, which is applied again; this is solved."

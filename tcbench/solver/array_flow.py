@@ -6,7 +6,7 @@ As `flow_kernels`, with arrays in the place of numbers, and nothing that depends
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -67,7 +67,7 @@ def _array_flow(flow: Flow, net: Any) -> Made:
     view = net
     if net.multipliers:
         view = constrained.pulled(net, constrained.symbols_like(constrained.conditions(net, y0), "lam"))
-    numbers = {name: variable("number", NUMBER) for name in cast(tuple[str, ...], flow.numbers)}
+    numbers = {name: variable("number", NUMBER) for name in flow.numbers}
     more = [*further(flow, net, z0, h, start), *([numbers] if numbers else [])]
     found, equations = _rows(flow, view, y0, h, steps, more)
     rows = normalised(checked_rows(flow, found, d), d, h)
@@ -130,7 +130,7 @@ def _array_flow(flow: Flow, net: Any) -> Made:
             iterate=iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1),
             polish=polish.kernel(mesh), finish=finish.kernel(mesh), full=full.kernel(mesh),
             n_unknowns=n, n_eliminated=0, n_positive=n_positive, n_shared=sum(map(mesh.size, shared_spaces)),
-            pattern=pattern, steep=steep, constrained=constrained_,
+            pattern=pattern, steep=steep, constrained=constrained_, mends=flow.chosen != (),
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +46,11 @@ UNROLLED = 24  # unknowns up to which the elimination is unrolled; beyond, Newto
 def build(flow: Flow, system: System) -> FlowKernels:
     """Trace, reduce, differentiate and print one flow; nothing is compiled yet."""
     symbolic = system.symbolic  # its symbols come first, whoever made them
-    if callable(flow.numbers):
-        flow = replace(flow, numbers=flow.numbers(symbolic))
-    with foreseen(system, 1 + flow.stages, by_loops=system.large):
-        if system.large:
+    if callable(flow.chosen):
+        flow = replace(flow, chosen=flow.chosen(symbolic))
+    by_loops = system.large and not (system.multipliers and flow.of_step)  # which holds constraints one by one
+    with foreseen(system, 1 + flow.stages, by_loops=by_loops):
+        if by_loops:
             from .array_flow import flow_of
 
             return flow_of(flow, formula_hash(flow.residual), system.by_arrays)(system.mesh)
@@ -63,14 +64,14 @@ def _build(flow: Flow, system: System) -> FlowKernels:
     d = trace.variables("d", n * (1 + flow.stages))
     y0 = sym.in_variables(flow.variables, z0)
     start = trace.variables("start", n * (flow.memory or 2))
-    view = constrained.pulled(sym, _multipliers(sym, y0)) if sym.multipliers else sym
-    names = cast(tuple[str, ...], flow.numbers)
-    numbers = dict(zip(names, trace.variables("number", len(names)), strict=True))
+    pulls = sym.multipliers and not flow.of_step
+    view = constrained.pulled(sym, _multipliers(sym, y0)) if pulls else sym
+    numbers = dict(zip(flow.numbers, trace.variables("number", len(flow.numbers)), strict=True))
     more = [*further(flow, sym, z0, h, start.reshape(-1, n)), *([numbers] if numbers else [])]
     given, equations = traced(flow, view, y0, d, h, more)
     unseen = not flow.stages
     rows, impulses = normalised(given, d, h), list[Symbol]()
-    if sym.multipliers:
+    if pulls:
         rows, impulses = constrained.closed(sym, view, y0, list(d), h, rows, flow.residual.__name__)
         rows = _by_own_slope(rows, list(d), impulses, h)
         unseen = False
@@ -133,6 +134,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         steep=has_roots(reduction.rows),
         pattern=pattern,
         constrained=bool(impulses),
+        mends=flow.chosen != (),
         way=f"sparse: {len(x)} unknowns" if pattern else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
 

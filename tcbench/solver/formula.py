@@ -25,10 +25,11 @@ def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[
     Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
     when a solver follows the root from h = 0.
     """
+    known = [] if flow.chosen is None else [flow.chosen]
     if flow.of_step:
-        return [system.state(z) for z in start]
+        return [*(system.state(z) for z in start), *known]
     states = (system.state(z0 + h * v) for v in start)
-    return [tuple(system.in_variables(flow.variables, z) for z in states)] if flow.memory else []
+    return [*([tuple(system.in_variables(flow.variables, z) for z in states)] if flow.memory else []), *known]
 
 
 def numbered(flow: Flow, found: Any) -> tuple[Any, list[Symbol]]:

@@ -129,7 +129,7 @@ def _compiled_flows(
     made: dict[Any, FlowKernels] = {}
     chosen = []
     for flow in formulas:
-        key = (flow.residual, flow.variables, flow.stages, flow.numbers, flow.of_step, flow.memory)
+        key = (flow.residual, flow.variables, flow.stages, flow.numbers, flow.chosen, flow.of_step, flow.memory)
         chosen.append(made.get(key) or made.setdefault(key, build(flow, symbolic)))
     return tuple(chosen)
 

@@ -49,6 +49,7 @@ class FlowKernels:
     n_positive: int
     n_shared: int = 0  # the last of the unknowns, of which nothing is read: what others make them is in its place
     foresees: bool = False  # see newton.foresee
+    mends: bool = True  # it may have to be applied again: see Flow.most
     constrained: bool = False  # has impulses among its unknowns, which need not vanish at h = 0
     steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
     pattern: Pattern | None = None  # of a sparse Jacobian

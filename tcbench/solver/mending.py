@@ -2,13 +2,13 @@
 
 By Gauss and Newton along the gradients of energy and invariants, in variables scaled by their sizes; where the entropy
 would fall, also along the part of its gradient that leaves those unchanged. For any system and after any method: as
-formulas (`shortest_move`), and as kernels that a compiled march calls until what is missed is round-off (`mended`).
+formulas (`Along`), and as kernels that a compiled march calls until what is missed is round-off (`mended`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
 
@@ -35,6 +35,7 @@ GIVEN_ENERGY, LEAST_ENTROPY, ENTROPY_MISS, ENERGY_MISS, INVARIANTS = range(5)
 FOUND_ENTROPY, MARGIN = range(2)
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
 SHRUNK = 0.75  # of what was missed, after a move that helped
+MOVES = 3  # by the same slopes: where a step misses 1e-4, round-off is left
 MOST_MOVES = (
     24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
 )
@@ -50,48 +51,83 @@ def gradients(system: System, z: Any) -> list[Any]:
     return [system.gradient(z), *system.momenta_gradients(z), system.entropy_gradient(z)]
 
 
+def positions(system: System, z: Any) -> list[Symbol]:
+    """The constraints g(z), which have to be 0; [] of a system without constraints."""
+    return entries(system.constraint_values(z)) if system.multipliers else []
+
+
+def position_slopes(system: System, z: Any) -> list[Any]:
+    """The gradients of `positions`, in its order; each as a state, shape (size,)."""
+    x = system.unknowns("x")
+    here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
+    found = (chain_rule.gradient(f, entries(x)) for f in positions(system, x))
+    return [system.state(refilled(x, trace.substitute(slopes, here))) for slopes in found]
+
+
 def constraints(system: System, z: Any) -> list[Symbol]:
     """The constraints g(z) and their rates dg/dt, which have to be 0; [] of a system without constraints."""
-    if not system.multipliers:
-        return []
-    return entries(system.constraint_values(z), system.constraint_speeds(z))
+    return [*positions(system, z), *entries(system.constraint_speeds(z))] if system.multipliers else []
 
 
 def constraint_slopes(system: System, z: Any) -> list[Any]:
-    """The gradients of `constraints`, in its order; each as a state, shape (size,)."""
+    """The gradients of `constraints` at symbols z, in its order; each as a state, shape (size,)."""
     return [system.state(refilled(z, chain_rule.gradient(f, entries(z)))) for f in constraints(system, z)]
 
 
-def shortest_move(
-    system: System, misses: Sequence[Any], slopes: Sequence[Any], weights: Any, at_least: bool = False
-) -> Any:
-    """The shortest move that makes up for the misses of laws with these slopes, to first order.
+Turned = Callable[[Any], Any]
 
-    Each along the part of its slope that leaves the earlier ones alone (Gram and Schmidt). weights: squares of the
-    sizes by which a move is measured. at_least: of the last law, the entropy, only what is too little is made up for.
+
+class Along:
+    """The shortest moves along the slopes of laws that make up for what these miss, to first order.
+
+    By the factors L D L^T of the products of the slopes, without what a law says that those before it say, too. Made
+    once at a state, they serve near it as well, where what is missed shrinks by the size of what was moved.
+    turned: the direction of a slope, by a symmetric matrix, such as squares of the sizes by which moves are measured.
+    at_rest: of the square of the last slope, that of the entropy, what is little beside the others, as next to an
+    equilibrium.
     """
-    weighed = [weights * slope for slope in slopes]
-    free: list[tuple[Any, Any]] = []  # the part of each that leaves the earlier ones alone, and 1 over its square
-    shares: list[list[Any]] = []  # of the earlier ones in each
-    along: list[Any] = []  # how far to move along each part
-    for miss, slope, direction in zip(misses, slopes, weighed, strict=True):
-        products = [product(system, slope, other) for other, _ in free]
-        shares.append([product * inverse for product, (_, inverse) in zip(products, free, strict=True)])
-        for share, (other, _) in zip(shares[-1], free, strict=True):
-            direction = direction - other * share
-        square = product(system, slope, direction)
-        whole = sum((p * share for p, share in zip(products, shares[-1], strict=True)), square)
-        least = DEPENDENT * whole + TINY
-        inverse = square / (square * square + least * least)
-        lack = miss - sum((p * a for p, a in zip(products, along, strict=True)), const(0.0))
-        if at_least and len(free) == len(misses) - 1:
-            lack = trace.maximum(trace.lifted(lack), const(0.0))
-        along.append(lack * inverse)
-        free.append((direction, inverse))
-    for k in reversed(range(len(along))):  # and along each slope itself
-        for i in range(k):
-            along[i] = along[i] - along[k] * shares[k][i]
-    return sum(direction * a for direction, a in zip(weighed, along, strict=True))
+
+    def __init__(self, system: System, slopes: Sequence[Any], turned: Turned, at_rest: float = DEPENDENT) -> None:
+        self.weighed = [turned(slope) for slope in slopes]
+        self.lower: list[dict[int, Symbol]] = []  # of each law the shares of earlier ones
+        self.inverse: list[Symbol] = []
+        for k, slope in enumerate(slopes):
+            row: dict[int, Symbol] = {}
+            for i in range(k):
+                left = product(system, slope, self.weighed[i])
+                for j, x in row.items():
+                    if j in self.lower[i]:
+                        left = left - x * self.lower[i][j]
+                if not trace.is_const(left, 0.0):
+                    row[i] = left
+            whole = product(system, slope, self.weighed[k])
+            self.lower.append({i: x * self.inverse[i] for i, x in row.items()})
+            square = whole - sum((x * row[i] for i, x in self.lower[k].items()), const(0.0))
+            least = (at_rest if k == len(slopes) - 1 else DEPENDENT) * whole + TINY
+            self.inverse.append(square / (square * square + least * least))
+
+    def move(self, misses: Sequence[Any], at_least: bool = False) -> Any:
+        """misses: of the first laws, or all. at_least: of the last one, the entropy, only what is too little is made up
+        for."""
+        lacks: list[Any] = []
+        for miss, row in zip(misses, self.lower, strict=False):
+            lacks.append(miss - sum((x * lacks[i] for i, x in row.items()), const(0.0)))
+        if at_least:
+            lacks[-1] = trace.maximum(trace.lifted(lacks[-1]), const(0.0))
+        along = [lack * inverse for lack, inverse in zip(lacks, self.inverse, strict=False)]
+        for k in reversed(range(len(along))):
+            for i, x in self.lower[k].items():
+                along[i] = along[i] - x * along[k]
+        return sum(direction * a for direction, a in zip(self.weighed, along, strict=False))
+
+
+def moved_along(along: Along, misses: Callable[[Any], Sequence[Any]], z: Any, at_least: bool = False) -> Any:
+    """The move from z that makes up for what laws miss there and then, MOVES times in all, for what they miss behind
+    it: of a move c about c^(MOVES + 1) is left."""
+    move = along.move(misses(z), at_least)
+    for _ in range(1, MOVES):
+        move = move + along.move(misses(z + move), at_least)
+    return move
 
 
 def by_variable(system: System, x: Any, y: Any) -> Any:
@@ -150,10 +186,13 @@ def _made(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
 
 def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     """The outputs of the kernels start, mend and hold (`mending_kernels`), each a state and then numbers."""
-    held = constraints(system, z)  # the last but the entropy, as its slope is to leave them alone
+    held = constraints(system, z)
     energy, *others, entropy = [trace.lifted(v) for v in laws(system, z)]
     first, *further, last = gradients(system, z)
     values, slopes = [energy, *others, *held, entropy], [first, *further, *constraint_slopes(system, z), last]
+    behind, half = 1 + len(others), len(held) // 2
+    # each constraint and its rate first: of chains they have few neighbours; the entropy last: it leaves all alone
+    order = [behind + i for k in range(half) for i in (k, k + half)] + [*range(behind), len(values) - 1]
     least = system.least_of(z)
     noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) + TINY for f in values]
     start = [z, values[0], values[-1], noises[-1], noises[0]]
@@ -168,9 +207,11 @@ def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     good = reduce(trace.minimum, (total("min", x, x.space) for x in positive))
     good = trace.guarded(good, values)  # of what is not a number the least is lost
     weights = least * least + by_variable(system, z, z)
-    mend = [z + shortest_move(system, misses[:-1], slopes[:-1], weights), values[-1], good]
+    along = Along(system, [slopes[i] for i in order], lambda slope: weights * slope)
+    ordered = [misses[i] for i in order]
+    mend = [z + along.move(ordered[:-1]), values[-1], good]
     enough = trace.minimum(good, allowed[-1] + own[-1] - misses[-1])
-    return [start, mend, [z + shortest_move(system, misses, slopes, weights), values[-1], enough]]
+    return [start, mend, [z + along.move(ordered), values[-1], enough]]
 
 
 @rare

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
 MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 30 s
-REDUCED = "constraints"  # tag of methods that solve this ODE and keep the constraints as laws: see solver.mending
+REDUCED = "constraints"  # tag of methods that keep the constraints as laws, most on this ODE: see solver.mending
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
 
 
@@ -63,15 +63,15 @@ def named_constraints(system: System, found: Any, where: str) -> Any:
 
 def excluded(system: System, method: Integrator) -> str:
     """Why a method cannot run under constraints, "" where it can."""
-    if method.kind == "flows" and not method.memory and not any(flow.stages or flow.of_step for flow in method.flows):
-        return ""
     if REDUCED in method.tags:
         if system.size <= MOST_LAWFUL:
             return ""
         return (
-            f"it writes out the ODE under the constraints and what keeps them, of up to {MOST_LAWFUL} numbers; "
+            f"it writes out what keeps constraints and laws number by number, of systems of up to {MOST_LAWFUL}; "
             f"{system.name} has {system.size}: take tc_monolithic"
         )
+    if method.kind == "flows" and not method.memory and not any(flow.stages or flow.of_step for flow in method.flows):
+        return ""
     if method.kind == "adaptive" and "peer" in method.tags:
         if system.size <= MOST_REDUCED or {"explicit", "peer"} <= method.tags:
             return ""

@@ -1,4 +1,4 @@
-"""Eight systems whose invariants are not quadratic, or whose energy is not written in invariants; and one whose are."""
+"""Nine systems whose invariants are not quadratic, or whose energy is not written in invariants; and one whose are."""
 
 import numpy as np
 
@@ -75,6 +75,34 @@ class Charge(System):
 
     def invariants(self, z):
         r2 = z.q @ z.q
+        return {"spin": z.q[0] * z.v[1] - z.q[1] * z.v[0] + r2 / 2 + r2**2 / 4}
+
+
+class Bead(System):
+    """The same on a bowl, z = r^2/2: a constraint beside an invariant of degree 4."""
+
+    name = "bead"
+    variables = {"q": (3,), "v": (3,), "s": ()}
+    multipliers = {"bowl": ()}
+
+    def energy(self, z):
+        return z.v @ z.v / 2 + 2 * z.q[2] + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def constraints(self, z):
+        return {"bowl": z.q[2] - (z.q[0] ** 2 + z.q[1] ** 2) / 2}
+
+    def reversible(self, z, dE, dS):
+        B = 1 + z.q[0] ** 2 + z.q[1] ** 2
+        return {"q": dE.v, "v": -dE.q + B * np.array([dE.v[1], -dE.v[0], 0 * dE.v[0]])}
+
+    def irreversible(self, z, dE, dS):
+        return {"v": -0.1 * np.array([0, 0, 1]) * dE.v[2], "s": 0.1 * dE.v[2] ** 2 / dE.s}
+
+    def invariants(self, z):
+        r2 = z.q[0] ** 2 + z.q[1] ** 2
         return {"spin": z.q[0] * z.v[1] - z.q[1] * z.v[0] + r2 / 2 + r2**2 / 4}
 
 
@@ -205,6 +233,7 @@ def beam(n=10):
 
 LOST = [  # by tc_monolithic
     one("charge", Charge, {}, {"q": [1.0, 0.2], "v": [0.3, 0.8], "s": 0.0}),
+    one("bead", Bead, {}, {"q": [1.0, 0.0, 0.5], "v": [0.4, 0.8, 0.4], "s": 0.0}, dt=0.05),
     one("attitude", Attitude, {"inertia": (1.0, 2.0, 3.0)}, {"e": [1.0, 0, 0, 0], "m": [0.3, 1.5, 0.4], "s": 0.0}),
     one("volterra", Volterra, {"A": (1.0, 0.7, 1.3), "gamma": 0.05}, {"x": [0.5, 1.3, 2.0], "s": 0.0}),
     one("arms", Arms, {"k": 5.0}, {"q": [1.2, 0.1], "phi": 0.3, "p": [0.1, 0.7], "l": -0.2, "s": 0.0}),

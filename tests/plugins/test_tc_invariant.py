@@ -70,6 +70,9 @@ def test_at_rest_nothing_moves():
     assert run.ok and np.ptp(run.z, axis=0).max() == 0.0
 
 
-def test_constraints_are_refused():
-    with pytest.raises(tcbench.TcbenchError, match="has constraints"):
-        tcbench.simulate("tc_invariant", "rods")
+def test_constraints_are_held_beside_invariants():
+    run = tcbench.simulate("tc_invariant", OF["bead"])
+    assert np.abs(run.scenario.model.constraint_values(run.z)).max() < 1e-14
+    large = tcbench.plugins.find_scenario("director_rod")
+    with pytest.raises(tcbench.TcbenchError, match="up to 100"):
+        tcbench.simulate("tc_invariant", large)

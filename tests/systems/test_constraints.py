@@ -99,6 +99,24 @@ def test_order_against_the_reference(name, method):
     assert abs(np.log2(errors[0] / errors[1]) - order) < 0.06
 
 
+@pytest.mark.parametrize(
+    ("k", "name", "t_end", "steps"),
+    [(1, "rods", 0.4, 20), (2, "rods", 0.4, 20), (3, "rods[n=1]", 0.4, 5),
+     pytest.param(3, "director_body", 0.4, 5, marks=pytest.mark.thorough)],
+)  # fmt: skip
+def test_collocation_has_its_order_and_keeps_laws_constraints_and_their_rates(k, name, t_end, steps):
+    from tcbench.reference.lookup import reference_for
+
+    one = scenario(name, t_end=t_end)
+    exact = reference_for(one, [t_end]).states[0]
+    runs = [tcbench.simulate(f"tc_gauss[k={k}]", one, dt=t_end / n) for n in (steps, 2 * steps)]
+    errors = [np.abs(run.z[-1] - exact).max() for run in runs]
+    assert abs(np.log2(errors[0] / errors[1]) - 2 * k) < 0.15
+    assert missed(runs[0]) < 1e-14 and np.abs(one.model.constraint_speeds(runs[0].z)).max() < 1e-13
+    assert runs[0].summary.energy_error_max < 1e-14 and runs[0].summary.entropy_increment_min > -1e-14
+    assert max(map(np.ptp, runs[0].invariants.values())) < 1e-13
+
+
 def test_numbers_take_the_place_of_formulas_in_the_ode_of_large_systems():
     small = scenario("rods[n=10]")
     by_numbers = Multipliers(small.model).rate(small.z0)
@@ -190,7 +208,7 @@ def test_an_adaptive_method_meets_the_tolerance_of_stiff_joints(tolerance):
 
 
 def test_methods_that_cannot_are_refused():
-    for name in ("tc_gauss", "bdf2", "projected[method=midpoint_entropy]", "tc_invariant"):
+    for name in ("gauss2", "bdf2", "projected[method=midpoint_entropy]"):
         with pytest.raises(TcbenchError, match="constraints"):
             tcbench.simulate(name, scenario("rods"))
     with pytest.raises(TcbenchError, match=r"up to 100 numbers; .* take tc_monolithic"):
