@@ -67,8 +67,8 @@ def excluded(system: System, method: Integrator) -> str:
         if system.size <= MOST_LAWFUL:
             return ""
         return (
-            f"it writes out what keeps constraints and laws, of systems of up to {MOST_LAWFUL} numbers; {system.name} has "
-            f"{system.size}: take tc_monolithic, or for a tolerance scipy_dop853"
+            f"it writes out what keeps constraints and laws, of systems of up to {MOST_LAWFUL} numbers; "
+            f"{system.name} has {system.size}: take tc_monolithic, or for a tolerance scipy_dop853"
         )
     if method.kind == "flows" and not method.memory and not any(flow.stages or flow.of_step for flow in method.flows):
         return ""
