@@ -63,8 +63,6 @@ def steps(both: Both) -> int:
     times, states = e.times, e.states
     taylor.begin(e, states[0])
     g.counts.steps, g.counts.rejected, g.counts.iterations = 0, 0, 0
-    if e.of_elements:
-        gauss.begin(g, states[0])
     stable = STABLE + STABLE_OF_ORDER * e.order
     row, t, h, patience, explicit, given_up = 1, times[0], 0.0, PATIENCE, True, False
     leg, left, busy, latest, over = LEG, 0.0, 0.0, 0.0, 0
@@ -114,24 +112,16 @@ def look(e: Taylor, g: Gauss) -> None:
 
 @rare
 def go_over(e: Taylor, g: Gauss) -> None:
-    """The implicit method on from there, to the other's laws; of elements those of the start are there already."""
+    """The implicit method on from there, to the other's laws."""
     gauss.go_to(g, g.here)
-    if e.of_elements:
-        g.least_entropy[0] = e.target[e.size + 1]
-    else:
-        copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
+    copy_into(g.laws[e.size : len(e.target)], e.target[e.size : len(e.target)])
 
 
 @rare
 def keep_laws(e: Taylor, g: Gauss) -> None:
     """The explicit method on from the other's state, to the energy and invariants of the start of the run."""
     taylor.start_from(e, g.z)
-    if not e.of_elements:
-        copy_into(e.target[e.size : len(e.target)], g.laws[e.size : len(e.target)])
-        return
-    e.target[e.size] = g.run[0]
-    for i in range(len(e.target) - e.size - 2):
-        e.target[e.size + 2 + i] = g.laws[e.size + 4 + 2 * i]
+    copy_into(e.target[e.size : len(e.target)], g.laws[e.size : len(e.target)])
 
 
 LOOPS = Library("auto", run)

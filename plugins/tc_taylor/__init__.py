@@ -1,8 +1,8 @@
 """An explicit Taylor method of high order, corrected to all laws; for problems in which conduction is not stiff.
 
 tc_taylor chooses order and steps by its tolerance; tc_taylor[order=8] takes fixed steps. The series come from the
-traced formulas of the system by recurrences (Jorba and Zou 2005). Energy and momenta are corrected to round-off, the
-energy by a change of heat, and the entropy is held where it would fall: see docs/methods-explained.md.
+traced formulas of the system by recurrences (Jorba and Zou 2005). Energy and momenta are corrected to round-off, and
+the entropy is held where it would fall: see docs/methods-explained.md.
 """
 
 import math
@@ -16,7 +16,7 @@ from tcbench.compiler.once import Spares
 from .orders import EFFORT, LEAST, MOST_ELEMENTS, MOST_VARIABLES, ORDERS, is_long
 
 EXACT = {"energy", "entropy", "angular_momentum"}
-SOURCE = "Taylor series (Jorba and Zou 2005), energy corrected by heat (docs/methods-explained.md)"
+SOURCE = "Taylor series (Jorba and Zou 2005), corrected to the laws (docs/methods-explained.md)"
 SAFETY = 0.05  # what a step may miss, over the tolerance: a run then misses a tenth of what tc_gauss_adaptive does
 
 

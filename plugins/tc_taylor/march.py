@@ -57,51 +57,37 @@ def begin(w: Work, z: Floats) -> None:
 def start_from(w: Work, z: Floats) -> None:
     """At z: with its energy, entropy and invariants as those to be kept."""
     call(w.to_start, z, w.given, w.target)
-    copy_into(w.mended[0 : w.size], w.target[0 : w.size])
+    call(w.to_y, z, w.given, w.mended)
 
 
 def mended_state(w: Work, h: float) -> bool:
     """The state after h, mended, its entropy as the new lowest; False if it is not admissible."""
     w.length[0] = h
-    call(w.to_state, w.coefficients, w.length, w.target)
-    return onto_laws(w)
+    call(w.to_state, w.coefficients, w.length, w.mended)
+    return onto_laws(w, w.mended)
 
 
-def onto_laws(w: Work) -> bool:
-    """The state in `target`, mended."""
-    if w.of_elements:
-        return mended_elements(w)
-    good = mended(w.to_mend, w.to_hold, w.target, w.given, w.mended)
-    copy_into(w.mended[0 : w.size], w.target[0 : w.size])
+def onto_laws(w: Work, y: Floats) -> bool:
+    """This state, mended: z of it in `target`, itself in `mended`."""
+    call(w.to_z, y, w.given, w.target[0 : w.size])
+    good = mended(w.to_mend, w.to_hold, w.target, w.given, w.found)
+    call(w.to_y, w.target[0 : w.size], w.given, w.mended)
     return good
 
 
 def mended_end(w: Work, tolerance: float) -> bool:
-    """The state in `end`, mended; of any system False, too, where that moves it by much more than a step may miss: what
-    the laws miss by little may be made up for by much of a variable on which they hardly depend. Elements have heat."""
-    copy_into(w.target[0 : w.size], w.end[0 : w.size])
-    return onto_laws(w) and is_near(w, tolerance)
+    """The state in `end`, mended; False, too, where that moves it by much more than a step may miss: what the laws miss
+    by little may be made up for by much of a variable on which they hardly depend."""
+    return onto_laws(w, w.end[0 : w.size]) and is_near(w, tolerance)
 
 
 def is_near(w: Work, tolerance: float) -> bool:
     """Is the mended state near that in `end`?"""
     limit = MOVED * max(tolerance, AGREED_AT_LEAST)
     good = True
-    for i in range(0 if w.of_elements else w.size):
+    for i in range(w.size):
         y, move = w.end[i], w.mended[i] - w.end[i]
         good = good and move * move <= limit * limit * (w.least[i] + w.share[i] * y * y)
-    return good
-
-
-def mended_elements(w: Work) -> bool:
-    """The same with the kernels of mending.py, which give the mended state at once, and hold the entropy exactly."""
-    size = w.size
-    call(w.to_mend, w.target, w.given, w.mended)
-    if w.mended[size] < w.target[size + 1]:
-        call(w.to_hold, w.target, w.given, w.mended)
-    good = w.mended[size + 1] > 0.0 and abs(w.mended[size]) < math.inf
-    if good:
-        w.target[size + 1] = max(w.mended[size], w.target[size + 1])
     return good
 
 
@@ -238,7 +224,7 @@ def next_length(w: Work, tolerance: float) -> float:
 def go_back(w: Work) -> None:
     """To where the last step began."""
     c = w.course
-    copy_into(w.mended[0 : w.size], w.last)
+    copy_into(w.mended, w.last)
     w.target[w.size + 1] = c.last_entropy
     c.t, c.row, c.since, c.long = c.last_t, c.last_row, c.last_since, 0
     w.counts.steps -= 1

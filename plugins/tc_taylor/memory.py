@@ -59,15 +59,15 @@ class Work(Record):
     n_given: int
     n_target: int
     seldom: int  # steps from one mended state to the next, where none is asked for
-    of_elements: bool  # mended by kernels of their own: see mending.py, and tcbench.solver.mending for any system
     to_start: Address
     to_series: Address  # see texts.series_kernels
     to_state: Address
     to_end: Address  # the same with its slopes, as in `end`
     to_rates: Address
-    to_mend: Address
+    to_mend: Address  # see tcbench.solver.mending
     to_hold: Address
     to_z: Address  # z of such a state
+    to_y: Address  # and back
     counts: Counts
     trials: Trials
     course: Course
@@ -81,10 +81,10 @@ class Work(Record):
     given: Floats = sized("n_given")  # the system's constants, and what depends on them only
     coefficients: Floats = sized("(order + 1) * (size + n_kinks) + 2")
     length: Floats = sized("1")
-    target: Floats = sized("n_target")  # a state, the energy and lowest entropy and invariants that it should have
-    # The state that has them, its entropy, the least of what must be positive. When a step begins, the run is there.
-    mended: Floats = sized("size + 2")
-    kept: Floats = sized("size + 2")  # the last of these that a step began from
+    target: Floats = sized("n_target")  # z of a state and the laws that it should have, as `solver.mending` has them
+    found: Floats = sized("size + 2")  # what its kernels give
+    mended: Floats = sized("size")  # the state that has the laws: when a step begins, the run is there
+    kept: Floats = sized("size")  # the last of these that a step began from
     last: Floats = sized("size")  # the state that the last step began from
     end: Floats = sized("2 * size + 2")  # the end of a step or a place in it: the state there, and slopes
     rates: Floats = sized("2 * size")  # and the rates that the formulas give there

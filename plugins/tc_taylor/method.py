@@ -14,10 +14,9 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
-from tcbench.solver.mending import mending_kernels as of_any
+from tcbench.solver.mending import mending_kernels
 
 from . import on_arrays
-from .mending import mending_kernels as of_elements
 from .orders import EFFORT, LEAST, MOST_ORDER, ORDERS, is_long
 from .texts import series_kernels, slopes_kernel
 
@@ -27,7 +26,7 @@ Floats = NDArray[np.float64]
 BYTES, CACHE = 10.5, 31_000.0
 STEP, WITHIN, BEYOND = 100.0, 0.013, 0.020
 LINEAR = 6.0  # orders: sums other than Cauchy products, by 2 % on systems of 8 to 30 numbers
-SELDOM = (32, 4)  # steps to a mended state, of any system and of elements: mending takes a fifth of a step
+SELDOM = 32  # steps to a mended state: mending takes a fifth of a step, or more
 
 
 class TaylorMethod(Lending):
@@ -123,20 +122,20 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     c, elements = system.constant_values, system.defines("element_energy")
     if is_long(system):
         *made, series_time = kernels(system.by_arrays, order)
-        series, _, rates, mend, hold, _, start, to_z = (k and k.kernel(system.mesh) for k in made)
+        series, _, rates, mend, hold, _, start, to_z, to_y = (k and k.kernel(system.mesh) for k in made)
         polynomial, given = on_arrays.polynomial_kernel(order, system.size), c
         slopes = on_arrays.slopes_kernel(order, system.size)
     else:
-        series, polynomial, rates, mend, hold, setup, start, to_z, series_time = kernels(system.symbolic, order)
+        series, polynomial, rates, mend, hold, setup, start, to_z, to_y, series_time = kernels(system.symbolic, order)
         slopes = slopes_kernel(order, system.size)
         given = np.concatenate([c, setup(c, c)])
     n_kinks = (series.size - 2) // (order + 1) - system.size
     work = Work(
         size=system.size, order=order, n_kinks=n_kinks, n_given=len(given), given=given, tolerance=0.0, few=0.0,
-        to_start=start.address, n_target=start.size, of_elements=elements, seldom=SELDOM[elements],
+        to_start=start.address, n_target=start.size, seldom=SELDOM,
         to_series=series.address, to_state=polynomial.address, to_end=slopes.address, to_rates=rates.address,
         to_mend=mend.address, to_hold=hold.address,
-        to_z=to_z.address, rows=1,
+        to_z=to_z.address, to_y=to_y.address, rows=1,
         counts=Counts(), trials=Trials(), course=Course(), **damping.sizes(system),
         **damping.fields(order if order <= MOST_ORDER or not elements else 0),
     )  # fmt: skip
@@ -145,20 +144,19 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
 
 @once
 def kernels(system: System, order: int) -> tuple[Any, ...]:
-    """(series, polynomial, rates, mend, hold, setup, start, to z, time of the series) of all systems of one structure,
-    by `System.symbolic`; of one kind, by `by_arrays`, without polynomial, setup and time."""
+    """(series, polynomial, rates, mend, hold, setup, start, to z, from z, time of the series) of all systems of one
+    structure, by `System.symbolic`; of one kind, by `by_arrays`, without polynomial, setup and time."""
     elements = system.defines("element_energy")
     with trace.tracing():
-        start, mend, hold, fixed = (of_elements if elements else of_any)(system)
+        start, mend, hold, fixed = mending_kernels(system)
+        y = system.unknowns("y")
+        to_z = system.compiled([y], [system.entropy_variables(y) if elements else y])
+        to_y = system.compiled([y], [system.temperature_variables(y) if elements else y])
         if system.by_array:
-            y = system.unknowns("y")
-            to_z = system.compiled([y], [system.entropy_variables(y) if elements else y])
             series = on_arrays.series_kernel(system, order)
-            return series, None, on_arrays.rates_kernel(system), mend, hold, None, start, to_z, 0.0
+            return series, None, on_arrays.rates_kernel(system), mend, hold, None, start, to_z, to_y, 0.0
         series, polynomial, rates, more, series_time = series_kernels(
             system, order, system.n_constant_values + len(fixed)
         )
         setup = kernel(system.constant_symbols(), [*fixed, *more])
-    z = system.unknowns("z")
-    to_z = system.kernel("entropy_variables")[0] if elements else system.compiled([z], [z])
-    return series, polynomial, rates, mend, hold, setup, start, to_z, series_time
+    return series, polynomial, rates, mend, hold, setup, start, to_z, to_y, series_time

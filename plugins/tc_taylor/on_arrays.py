@@ -5,7 +5,7 @@ Sums over all, sums along tables and what tables name are linear: they go coeffi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from typing import Any
 
@@ -19,136 +19,72 @@ from tcbench.compiler.derivatives import Symbol, const
 from tcbench.compiler.kernels import Kernel
 
 from .lanes import kinks
-from .rates import shorter
-from .recurrences import PARTNERS
-from .series import STANDING, Series
+from .rates import rates
+from .recurrences import Recurrences
+from .series import Series
 from .texts import BESIDE
 
 ZERO = const(0.0)
-Of = Callable[[int], Symbol]
 
 
-class Coefficients:
-    """Coefficients of series as symbols, each made when it is first asked for."""
+class Coefficients(Recurrences[Series]):
+    """Coefficients of series as symbols."""
 
     def __init__(self, y: Sequence[Symbol], rate: Sequence[Series]) -> None:
+        super().__init__()
         self.y, self.rate = y, rate
-        self.known: dict[tuple[int, int, str], Symbol] = {}
 
     def of(self, x: Series, n: int) -> Symbol:
         """Coefficient n of a series."""
-        if n and x.constant:
-            return ZERO
-        if x.kind in PARTNERS:
-            return self.turned(x.parts[0], n, x.kind)
-        key = (id(x), n, "")
-        if key not in self.known:
-            self.known[key] = (self._linear if x.kind in LINEAR else getattr(self, f"_{x.kind}"))(x, n)
-        return self.known[key]
+        found = self.value(x, n)
+        return ZERO if found is None else found
 
-    def turned(self, u: Series, n: int, name: str) -> Symbol:
-        """Coefficient n of sin u, cos u, sinh u or cosh u: each is its partner's rate."""
-        key = (id(u), n, name)
-        if key not in self.known:
-            other, sign = PARTNERS[name]
-            rise = self._risen(u, n, lambda k: self.turned(u, k, other)) if n else getattr(self.of(u, 0), name)()
-            self.known[key] = sign * rise if n else rise
-        return self.known[key]
+    def value(self, x: Series, n: int) -> Any:
+        return None if n and x.constant else self.once(x, n, "", lambda: self._made(x, n))
 
-    def _all(self, x: Series) -> Of:
-        return lambda n: self.of(x, n)
+    def _made(self, x: Series, n: int) -> Any:
+        if x.kind in LINEAR:
+            return rebuilt(x.kind, [self.of(part, n) for part in x.parts], x.index)
+        return self.of_kind(x, x.kind, n)
 
-    def _slopes(self, x: Series) -> Of:
-        return lambda n: float(n) * self.of(x, n)
+    def parts(self, x: Series) -> list[Series]:
+        return list(x.parts)
 
-    def _linear(self, x: Series, n: int) -> Symbol:
-        return rebuilt(x.kind, [self.of(part, n) for part in x.parts], x.index)
+    def sum_of(self, products: list[tuple[Any, ...]]) -> Any:
+        return reduce(trace.add, (reduce(trace.mul, product) for product in products)) if products else None
 
-    def _var(self, x: Series, n: int) -> Symbol:
-        return self.of(self.rate[x.index], n - 1) * (1.0 / n) if n else self.y[x.index]
+    def scaled(self, weight: float, value: Symbol) -> Symbol:
+        return weight * value
 
-    def _sum(self, x: Series, n: int) -> Symbol:
+    def plus(self, number: float, value: Symbol | None) -> Symbol:
+        return number + (ZERO if value is None else value)
+
+    def over(self, above: Any, below: Symbol) -> Symbol:
+        return (ZERO if above is None else trace.lifted(above)) / below
+
+    def function(self, name: str, value: Symbol | None, of_size: Series | None = None) -> Symbol:
+        inside = ZERO if value is None else value
+        return trace.make(name, abs(inside) if of_size and of_size.of_size else inside)
+
+    def angle(self, y: Any, x: Any, of: Series) -> Symbol:
+        return (ZERO if y is None else y).arctan2(ZERO if x is None else x)
+
+    def _var(self, x: Series, n: int) -> Any:
+        return self.times(1.0 / n, self.value(self.rate[x.index], n - 1)) if n else self.y[x.index]
+
+    def _sum(self, x: Series, n: int) -> Any:
         *weights, constant = x.weights
-        terms = [w * self.of(part, n) for part, w in zip(x.parts, weights, strict=True)]
-        return reduce(trace.add, terms, ZERO if n else constant)
+        terms = [(w, self.value(part, n)) for part, w in zip(x.parts, weights, strict=True)]
+        return self.summed([], terms if n else [*terms, (constant,)])
 
-    def _D(self, x: Series, n: int) -> Symbol:
-        return (n + 1.0) * self.of(x.parts[0], n + 1)
-
-    def _product(self, x: Series, n: int) -> Symbol:
-        a, b = x.parts
-        return self._square_of(a, n) if a is b else products(self._all(a), self._all(b), range(n + 1), n)
-
-    def _square_of(self, a: Series, n: int) -> Symbol:
-        """Each product of two different coefficients is in it twice."""
-        half = products(self._all(a), self._all(a), range((n + 1) // 2), n)
-        return half + half + self.of(a, n // 2) * self.of(a, n // 2) if n % 2 == 0 else half + half
-
-    def _quotient(self, x: Series, n: int) -> Symbol:
-        above, below = x.parts
-        known = products(self._all(below), self._all(x), range(1, n + 1), n)
-        return (self.of(above, n) - known) / self.of(below, 0)
-
-    def _log(self, x: Series, n: int) -> Symbol:
-        """n l_n = (n u_n - sum_(0<j<n) (j l_j) u_(n-j)) / u_0."""
-        (u,) = x.parts
-        if n == 0:
-            return (abs(self.of(u, 0)) if x.of_size else self.of(u, 0)).log()
-        known = products(self._slopes(x), self._all(u), range(1, n), n)
-        return (float(n) * self.of(u, n) - known) / self.of(u, 0) * (1.0 / n)
-
-    def _risen(self, u: Series, n: int, by: Of) -> Symbol:
-        """Coefficient n of f(u), where `by` has those of df/du: the sum of (j u_j) by(n - j), over n."""
-        return products(self._slopes(u), by, range(1, n + 1), n) * (1.0 / n)
-
-    def _exp(self, x: Series, n: int) -> Symbol:
-        (u,) = x.parts
-        return self._risen(u, n, self._all(x)) if n else self.of(u, 0).exp()
-
-    def _sqrt(self, x: Series, n: int) -> Symbol:
-        (u,) = x.parts
-        if n == 0:
-            return self.of(u, 0).sqrt()
-        return (self.of(u, n) - products(self._all(x), self._all(x), range(1, n), n)) / (2.0 * self.of(x, 0))
-
-    def _bell(self, u: Series, sign: float) -> Of:
-        """Coefficients of 1 + u^2 or 1 - u^2."""
-        return lambda n: sign * self._square_of(u, n) + (0.0 if n else 1.0)
-
-    def _tanh(self, x: Series, n: int) -> Symbol:
-        (u,) = x.parts
-        return self._risen(u, n, self._bell(x, -1.0)) if n else self.of(u, 0).tanh()
-
-    def _atan(self, x: Series, n: int) -> Symbol:
-        (u,) = x.parts
-        if n == 0:
-            return self.of(u, 0).arctan()
-        bell = self._bell(u, 1.0)
-        return (self.of(u, n) - products(self._slopes(x), bell, range(1, n), n) * (1.0 / n)) / bell(0)
-
-    def _sign(self, x: Series, _: int) -> Symbol:
-        u = self.of(x.parts[0], 0)
-        return u / (abs(u) + STANDING)
-
-    def _guard(self, x: Series, _: int) -> Symbol:
-        a, b = (self.of(part, 0) for part in x.parts)
-        return STANDING * (a * b).sqrt()
-
-    def _atan2(self, x: Series, n: int) -> Symbol:
-        """From how fast the angle turns."""
-        turn, above, below = x.parts
-        return self.of(turn, n - 1) * (1.0 / n) if n else self.of(above, 0).arctan2(self.of(below, 0))
-
-
-def products(a: Of, b: Of, places: range, n: int) -> Symbol:
-    """The sum of a(j) b(n - j) over some j."""
-    return reduce(trace.add, (a(j) * b(n - j) for j in places), ZERO)
+    def _D(self, x: Series, n: int) -> Any:
+        return self.times(n + 1.0, self.value(x.parts[0], n + 1))
 
 
 def series_kernel(net: Any, order: int) -> ArrayKernel:
     """As `texts.series_kernels`, of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
     y = net.fresh_state("y")
-    variables, rate = shorter(net, y)
+    variables, rate = rates(net, y)
     found = Coefficients(entries(y), rate)
     rows = [[found.of(x, n) for x in variables] for n in range(order + 1)]
     outputs = [refilled(y, row) for row in rows] + [squared_size(net, y, refilled(y, row)) for row in rows[-2:]]
@@ -160,7 +96,7 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
 def rates_kernel(net: Any) -> ArrayKernel:
     """As `texts.rates_kernel`."""
     y = net.fresh_state("y")
-    variables, rate = shorter(net, y)
+    variables, rate = rates(net, y)
     found = Coefficients(entries(y), rate)
     made: ArrayKernel = net.compiled([y], [refilled(y, [found.of(x, n) for x in variables]) for n in range(2)])
     return made

@@ -8,12 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache, reduce
 from typing import Any
 
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.arrays import LINEAR, rebuilt
+from tcbench.compiler.arrays import LINEAR
 from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.ops import OPERATIONS, as_methods, evaluated
 
@@ -62,13 +61,8 @@ class Normal:
         self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: Any = -1
     ) -> Series:
         """One object for equal series."""
-        key = self.key_of(kind, parts, weights, index)
+        key = kind, tuple(map(id, parts)), tuple(w.number for w in weights), index
         return self.interned.setdefault(key, Series(kind, parts, weights, index))
-
-    @staticmethod
-    def key_of(kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: Any = -1) -> Any:
-        """What is equal of equal series."""
-        return kind, tuple(id(p) for p in parts), tuple(w.number for w in weights), index
 
     def of(self, outputs: list[Symbol]) -> list[Linear]:
         """Each output as a sum of monomials."""
@@ -209,39 +203,6 @@ class Normal:
             if any(form):
                 for x, _ in next(iter(self.as_factor(form))):
                     x.constant = True
-
-    def symbols(self, forms: list[Linear], names: list[Symbol]) -> list[Symbol]:
-        """The sums as formulas again. names: of the variables, by index; no time derivative is in them."""
-
-        @cache
-        def of(x: Series) -> Symbol:
-            if x.kind == "var":
-                return names[x.index]
-            if x.kind == "atan2":
-                return of(x.parts[1]).arctan2(of(x.parts[2]))
-            parts = [of(part) for part in x.parts]
-            match x.kind:
-                case "sum":
-                    *weights, constant = x.weights
-                    return trace.add(reduce(trace.add, map(trace.mul, weights, parts), ZERO), constant)
-                case "product":
-                    return trace.mul(*parts)
-                case "quotient":
-                    return trace.mul(parts[0], trace.reciprocal(parts[1]))
-            if x.kind in LINEAR:
-                return rebuilt(x.kind, parts, x.index)
-            if x.kind == "guard":
-                return STANDING * trace.mul(*parts).sqrt()
-            if x.kind == "sign":
-                return parts[0] / (abs(parts[0]) + trace.TINY)
-            inside = abs(parts[0]) if x.of_size else parts[0]
-            return trace.make(x.kind, inside)
-
-        def term(key: Monomial, weight: Symbol) -> Symbol:
-            factors = [of(x) if k > 0 else trace.reciprocal(of(x)) for x, k in key for _ in range(abs(k))]
-            return reduce(trace.mul, factors, weight)
-
-        return [reduce(trace.add, (term(*item) for item in form.items()), ZERO) for form in forms]
 
     def derivative(self, form: Linear) -> Linear:
         """The series' derivative in time."""

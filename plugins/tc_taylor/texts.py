@@ -15,8 +15,8 @@ from tcbench.compiler.kernels import Kernel
 
 from .lanes import WIDTH, Pack, kinks
 from .rates import rates
-from .recurrences import Writer
 from .series import Series
+from .writer import Writer
 
 BESIDE = 2  # numbers between a state and its slopes: see `memory.Work.end`
 WORK = 0.2  # time of a product, over that of an operation which waits for the one before
@@ -31,7 +31,8 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
     polynomial(coefficients, (h,)) -> y after h
     rates(y, given) -> y, its rates: coefficients 0 and 1
     """
-    variables, rate = rates(system)
+    sym = system.symbolic
+    variables, rate = rates(sym, sym.state(trace.variables("y", system.size)))
     size = system.size
     writer, stored = coefficients(variables, rate, order, first)
     for at, k in enumerate((order - 1, order)):

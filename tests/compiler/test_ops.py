@@ -7,9 +7,9 @@ references, units, complex numbers, and peers.
 import mpmath as mp
 import numpy as np
 import pytest
-from tcbench_plugins.tc_taylor.recurrences import Writer
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.texts import written
+from tcbench_plugins.tc_taylor.writer import Writer
 
 import tcbench
 from tcbench import Scenario, System, TcbenchError
