@@ -14,23 +14,19 @@ from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from ..compiler.array_kernels import array_kernel, jacobian_kernel
 from ..compiler.array_mesh import Block, Mesh, Shorts, alone, scattered
-from ..compiler.array_states import Blocks, entries, fitted, refilled
-from ..compiler.array_symbols import ArraySymbol
-from ..compiler.arrays import NUMBER, variable
+from ..compiler.array_states import entries
 from ..compiler.derivatives import Symbol, const
 from ..compiler.elimination import ZERO_PIVOT
 from ..compiler.kernels import fixed_values, kernel
-from ..compiler.normal_rows import normalised
 from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
-from ..systems import constrained
-from .first_values import measured_by, plain_start, sizes_of
+from .equations import equations_of
+from .first_values import measured_by, plain_start
 from .foresight import jacobian_fits
-from .formula import called, checked_rows, further, has_roots, numbered
+from .formula import has_roots
 from .kernels_of_flow import FlowKernels
 from .pattern import Pattern
-from .reduction import reduce_arrays
 
 Made = Callable[[Mesh], FlowKernels]  # the kernels of a flow for a system of this mesh
 
@@ -59,41 +55,14 @@ def array_flow(flow: Flow, system: Any) -> Made:
 
 
 def _array_flow(flow: Flow, net: Any) -> Made:
-    h, z0 = trace.variable("h"), net.fresh_state("z")
-    y0 = net.in_variables(flow.variables, z0)
-    steps = [net.fresh_state(f"d{k}") for k in range(1 + flow.stages)]
-    start = [net.fresh_state(f"start{k}") for k in range(flow.memory or 2)]
-    d = entries(*steps)
-    view = net
-    if net.multipliers:
-        view = constrained.pulled(net, constrained.symbols_like(constrained.conditions(net, y0), "lam"))
-    numbers = {name: variable("number", NUMBER) for name in flow.numbers}
-    more = [*further(flow, net, z0, h, start), *([numbers] if numbers else [])]
-    found, equations = _rows(flow, view, y0, h, steps, more)
-    rows = normalised(checked_rows(flow, found, d), d, h)
-    if any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
-        raise trace.refused(
-            f"the rows of the residual {flow.residual.__name__!r} are in another order than {', '.join(net.variables)}",
-            "Give them in that of the state",
-        )
-    impulses = list[Symbol]()
-    if net.multipliers:
-        rows, impulses = constrained.closed(net, view, y0, d, h, rows, flow.residual.__name__)
-    reduction = reduce_arrays([*rows, *equations], [*d, *impulses, *numbers.values()], h)
+    eq = equations_of(flow, net)
+    h, z0, reduction, dz, positive = eq.h, eq.z0, eq.reduction, eq.dz, eq.positive
     x = reduction.unknowns
     residual, unknowns, shared = shared_as_unknowns(reduction.rows, x)
     terms = jacobian_terms(residual, unknowns)
     flat = [(i, term, slope) for i, row in enumerate(terms) for term, slope in row.items()]
     d_dh = trace.along(residual, {h: const(1.0)})
-    dy = refilled(y0, reduction.increments(d)[: len(entries(y0))])
-    y1 = y0 + dy
-    dz = dy
-    if flow.variables != "entropy":
-        dz = net.state(np.concatenate([dy.q, dy.p, net.entropy_increments(flow.variables, y0, y1)]))
-    positive = entries(y1.theta) if flow.variables == "temperature" else []
-    scales = map(trace.reciprocal, sizes_of(net, y0, z0, flow.variables) * len(steps))
-    own = dict.fromkeys([*impulses, *numbers.values()], const(1.0))
-    sizes = measured_by(reduction, dict(zip(d, scales, strict=True)) | own)
+    sizes = measured_by(reduction, eq.inverse_sizes)
     began = plain_start(reduction)
     began |= dict(zip(shared, trace.substitute(list(shared.values()), began), strict=True))
     # Newton's matrix has rows for shared numbers, which are what the other unknowns make them: as if it had none
@@ -108,7 +77,7 @@ def _array_flow(flow: Flow, net: Any) -> Made:
     kept = alone(list(hoisted))
     inputs = {
         "a": net.blocks(z0),
-        "b": [*net.constant_blocks(h), *net.blocks(start)],
+        "b": [*net.constant_blocks(h), *net.blocks(eq.start)],
     }
     opening = alone(fixed, unknowns * 3)
     reads = {"a": [*alone([None] * len(fixed), unknowns * 3), *kept], "b": alone(unknowns)}
@@ -117,7 +86,7 @@ def _array_flow(flow: Flow, net: Any) -> Made:
     iterate = jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], warm, behind=True)
     polish = array_kernel(reads, before + warm, behind=True)
     finish, full = array_kernel(reads, net.blocks(dz)), array_kernel(reads, alone(d_dh, unknowns))
-    steep, constrained_ = has_roots(residual), bool(impulses)
+    steep, constrained_ = has_roots(residual), bool(eq.impulses)
     blocks, entries_of = alone(unknowns), [(i, term) for i, term, _ in flat]
     warm_spaces, shared_spaces = [v.space for v in positive], [x.space for x in shared]
 
@@ -135,29 +104,6 @@ def _array_flow(flow: Flow, net: Any) -> Made:
         )  # fmt: skip
 
     return kernels
-
-
-def _rows(flow: Flow, net: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> Any:
-    """Run the author's formula on arrays; its rows, those of stages behind, and the equations of further numbers."""
-    y1, *stages = (y0 + d for d in steps)  # with the names that y0 has
-    found, equations = numbered(flow, called(flow, [y0, y1, h, net, *([stages] if stages else []), *more]))
-    blocks = found.blocks if isinstance(found, Blocks) else [found]
-    wanted = [block for d in steps for block in d.blocks]
-    if len(blocks) != len(wanted):
-        raise TraceError(
-            f"The residual {flow.residual.__name__!r} returned {len(blocks)} arrays; a state of {net.name!r} has "
-            f"{len(y0.blocks)} ({', '.join(net.variables)}){f' and there are {len(stages)} stages' if stages else ''}, "
-            f"so it must return {len(wanted)}."
-        )
-    if sorted(map(_kind, blocks)) == sorted(map(_kind, wanted)):  # in whatever order
-        return list(map(trace.lifted, entries(*blocks))), equations
-    name = f"the residual {flow.residual.__name__!r}"
-    rows = [x for block, like in zip(blocks, wanted, strict=True) for x in entries(fitted(block, like, name))]
-    return rows, equations
-
-
-def _kind(block: Any) -> tuple[str, int]:
-    return block.space if isinstance(block, ArraySymbol) else NUMBER, len(entries(block))
 
 
 def _of_size(value: Symbol) -> Symbol:

@@ -168,7 +168,7 @@ def land(flow: CompiledFlow, cosine: float, ds: float, s: float) -> tuple[int, i
     for i in range(flow.npos):
         if not flow.temperatures[i] > 0.0:
             return COLD_ROOT, 1
-    code, iterations = newton(flow, NEGLIGIBLE, 0.0)
+    code, iterations = newton(flow, NEGLIGIBLE, 0.0, True)
     if code != ACCEPTED:
         return UNDETERMINED, iterations
     for i in range(n):

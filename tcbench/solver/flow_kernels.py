@@ -19,23 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
+from ..compiler.array_states import entries
 from ..compiler.derivatives import Symbol, const
 from ..compiler.elimination import ZERO_PIVOT, factorise
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import constant_part, fixed_values, kernel, placed
-from ..compiler.normal_rows import normalised
-from ..errors import TraceError, shown
+from ..errors import TraceError
 from ..integrator import Flow, Residual
-from ..systems import constrained
 from ..systems.element_system import ElementSystem
-from ..systems.state import State
 from ..systems.system import System
-from .first_values import measured_by, near_start, plain_start, sizes_of
+from .equations import equations_of
+from .first_values import measured_by, near_start, plain_start
 from .foresight import foreseen
-from .formula import called, checked_rows, further, has_roots, numbered
+from .formula import has_roots
 from .kernels_of_flow import FlowKernels, constants
 from .linear_algebra import STEEPEST
-from .reduction import Reduction, reduce
+from .reduction import Reduction
 
 if TYPE_CHECKING:
     from .pattern import Pattern
@@ -58,63 +57,34 @@ def build(flow: Flow, system: System) -> FlowKernels:
             return _build(flow, symbolic)
 
 
-def _build(flow: Flow, system: System) -> FlowKernels:
-    sym, n = system.symbolic, system.size
-    h, z0 = trace.variable("h"), trace.variables("z", n)
-    d = trace.variables("d", n * (1 + flow.stages))
-    y0 = sym.in_variables(flow.variables, z0)
-    start = trace.variables("start", n * (flow.memory or 2))
-    pulls = sym.multipliers and not flow.of_step
-    view = constrained.pulled(sym, _multipliers(sym, y0)) if pulls else sym
-    numbers = dict(zip(flow.numbers, trace.variables("number", len(flow.numbers)), strict=True))
-    more = [*further(flow, sym, z0, h, start.reshape(-1, n)), *([numbers] if numbers else [])]
-    given, equations = traced(flow, view, y0, d, h, more)
-    unseen = not flow.stages
-    rows, impulses = normalised(given, d, h), list[Symbol]()
-    if pulls:
-        rows, impulses = constrained.closed(sym, view, y0, list(d), h, rows, flow.residual.__name__)
-        rows = _by_own_slope(rows, list(d), impulses, h)
-        unseen = False
-    unseen = unseen and not numbers
-    last = [*impulses, *numbers.values()]
-    reduction = reduce([*rows, *equations], [*d, *last], unseen=unseen)
+def _build(flow: Flow, sym: System) -> FlowKernels:
+    eq = equations_of(flow, sym)
+    h, n, reduction, start = eq.h, sym.size, eq.reduction, entries(*eq.start)
+    last = [*eq.impulses, *eq.numbers]
     _last(reduction, last)
     pattern, slopes = _ordered(reduction) if len(reduction.unknowns) > UNROLLED else (None, [])
-    x = reduction.unknowns
-    increments = np.array(reduction.increments(d), dtype=object)
-    y1 = y0 + increments[:n]
-    dz = increments[:n]
-    if flow.variables != "entropy":
-        ds = sym.entropy_increments(flow.variables, y0, y1)
-        dz = np.concatenate([dz[: -len(ds)], ds])
-    place = {s: i for i, s in enumerate(d)}
-    place |= {s: len(d) + i for i, s in enumerate(last)}
-    where = [place[s] for s in x]
-    positive = list(y1.theta) if flow.variables == "temperature" else []
-    sizes = sizes_of(sym, y0, z0, flow.variables)
-    own = dict(zip(impulses, _sizes_of_impulses(rows, d, impulses, h, sizes), strict=True))
-    own |= dict.fromkeys(numbers.values(), const(1.0))
+    x, dz, positive = reduction.unknowns, entries(eq.dz), eq.positive
     if pattern is None:
         moved = reduction.moved()
-        scales = [own[s] if s in own else trace.reciprocal(sizes[place[s] % n]) for s in (*x, *moved)]
+        scales = [eq.inverse_sizes[s] for s in (*x, *moved)]
         parts = _dense_parts(reduction, moved, positive, h, scales)
-        guess = near_start(where, sym, z0, h, flow.variables)
+        place = {s: i for i, s in enumerate([*eq.d, *last])}
+        guess = near_start([place[s] for s in x], sym, eq.z0, h, flow.variables)
     else:
-        scaled = {s: trace.reciprocal(sizes[i % n]) for i, s in enumerate(d)} | own
-        scaled = measured_by(reduction, scaled)
+        scaled = measured_by(reduction, eq.inverse_sizes)
         parts = _sparse_parts(reduction, slopes, positive, h, [scaled[s] for s in x])
         guess = [const(0.0)] * len(x)
     fixed = [*plain_start(reduction).values(), *guess, *parts.scales]
     moving = [*parts.iterate, *parts.polish, *parts.full, *dz]
     hoisted = fixed_values(moving, [*x, *parts.stored], moving)
-    opening = [*fixed, *hoisted, *sym.observe(z0)]
+    opening = [*fixed, *hoisted, *sym.observe(eq.z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
-    behind = placed("b", start, system.n_constant_values)
+    behind = placed("b", start, sym.n_constant_values)
     first: list[Symbol] = list(start[n:]) if flow.of_step else []  # the state at the start of the run is constant, too
     varying = start[: len(start) - len(first)]
-    fixed_constants = constant_part(opening, [*z0, *varying, *([h] if x else [])])
-    known = {h: "b[0]", **system.constant_symbols()}
-    prologue_inputs = placed("a", z0) | known | behind | placed("out", fixed_constants, len(opening))
+    fixed_constants = constant_part(opening, [*entries(eq.z0), *varying, *([h] if x else [])])
+    known = {h: "b[0]", **sym.constant_symbols()}
+    prologue_inputs = placed("a", entries(eq.z0)) | known | behind | placed("out", fixed_constants, len(opening))
     reads = placed("a", hoisted, len(fixed)) | placed("b", x)
     stored = placed("out", parts.stored, len(parts.iterate))
     opened = kernel(prologue_inputs, opening)
@@ -124,7 +94,7 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         opening=opened,
         iterate=kernel(reads, [*parts.iterate, *parts.stored.values()]),
         polish=kernel(reads | stored, parts.polish),
-        finish=kernel(reads, list(dz)),
+        finish=kernel(reads, dz),
         full=kernel(reads, parts.full),
         n_unknowns=len(x),
         n_eliminated=len(parts.moved),
@@ -133,42 +103,10 @@ def _build(flow: Flow, system: System) -> FlowKernels:
         and not isinstance(sym, ElementSystem),  # theirs have a nearer guess than the last roots: `near_start`
         steep=has_roots(reduction.rows),
         pattern=pattern,
-        constrained=bool(impulses),
+        constrained=bool(eq.impulses),
         mends=flow.chosen != (),
         way=f"sparse: {len(x)} unknowns" if pattern else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
-
-
-def _multipliers(sym: System, y0: Any) -> list[Any]:
-    return constrained.symbols_like(constrained.conditions(sym, y0), "lam")
-
-
-def _at_rest(x: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> list[Symbol]:
-    return trace.substitute(list(x), {**dict.fromkeys(unknowns, const(0.0)), h: const(0.0)})
-
-
-def _by_own_slope(rows: list[Symbol], d: list[Symbol], impulses: list[Symbol], h: Symbol) -> list[Symbol]:
-    """The multipliers' rows over their slopes at z1 = z0, so that small pivots are suspicious there, too."""
-    found = list(rows)
-    for k, impulse in enumerate(impulses):
-        (slopes,) = trace.sparse_jacobian([rows[len(d) + k]], [impulse])
-        (slope,) = _at_rest([slopes.get(0, const(0.0))], [*d, *impulses], h)
-        if trace.is_const(slope, 0.0):
-            raise TraceError("A constraint feels no force of its multiplier: is it of what has no inertia?")
-        found[len(d) + k] = trace.mul(rows[len(d) + k], trace.reciprocal(slope))
-    return found
-
-
-def _sizes_of_impulses(
-    rows: list[Symbol], d: Any, impulses: list[Symbol], h: Symbol, sizes: list[Symbol]
-) -> list[Symbol]:
-    """1/size of each: of what moves with it, by whichever is the strictest."""
-    found = [const(0.0)] * len(impulses)
-    for i, row in enumerate(trace.sparse_jacobian(rows[: len(sizes)], impulses) if impulses else []):
-        for k, slope in row.items():
-            (still,) = _at_rest([slope], [*d, *impulses], h)
-            found[k] = trace.maximum(found[k], trace.mul(abs(still), trace.reciprocal(sizes[i])))
-    return [trace.maximum(x, const(1e-100)) for x in found]
 
 
 def _last(reduction: Reduction, unknowns: list[Symbol]) -> None:
@@ -285,29 +223,3 @@ def _steepness(jacobian: NDArray[np.object_], scales: Sequence[Symbol]) -> Symbo
     s = np.array(scales[: len(jacobian)], dtype=object)
     squares = (trace.mul(slope, slope) for slope in (jacobian * (s[:, None] / s)).ravel())
     return trace.mul(const(np.finfo(float).max / STEEPEST**2), functools.reduce(trace.add, squares, const(0.0)))
-
-
-def traced(
-    flow: Flow, system: System, y0: State, d: Any, h: Symbol, further: list[Any]
-) -> tuple[list[Symbol], list[Symbol]]:
-    """Run the author's formula on symbols; a flat list of residual rows, and the equations of further numbers."""
-    n = system.size
-    y1, *stages = (y0 + d[k : k + n] for k in range(0, len(d), n))  # with the names that y0 has
-    found, equations = numbered(flow, called(flow, [y0, y1, h, system, *([stages] if stages else []), *further]))
-    result = np.asarray(found, dtype=object)
-    if result.size != len(d):
-        missing = result.shape == () and result.item() is None
-        given = "nothing (is `return` missing?)" if missing else f"{result.size} numbers"
-        raise TraceError(
-            f"The residual {flow.residual.__name__!r} returned {given}; a state of {system.name!r} "
-            f"has {n}{f' and there are {len(stages)} stages' if stages else ''}, so it must return {len(d)}."
-        )
-    rows = []
-    for r in result.ravel():
-        try:
-            rows.append(r if isinstance(r, Symbol) else const(float(r)))
-        except (TypeError, ValueError):
-            raise TraceError(
-                f"The residual {flow.residual.__name__!r} returned {shown(r)} among its numbers, which is none."
-            ) from None
-    return checked_rows(flow, rows, list(d)), equations

@@ -20,7 +20,7 @@ from .continuation import COLD_ROOT, FOUND, LOST, UNDETERMINED, arc, detour
 from .flow import CompiledFlow, Extrapolation, OldFactors, Tally
 from .flow_kernels import build
 from .kernels_of_flow import FlowKernels, constants
-from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, plain_newton, set_step, track
+from .newton import ACCEPTED, NEGLIGIBLE, REJECTED, newton, set_step, track
 
 # why there is no step (Trajectory turns these, and those of the loop, into statuses and sentences)
 OK, NONCONVERGED, NO_ROOT, NONFINITE, COLLAPSED, COLD, BLOWUP, NO_WARM_ROOT, FOLDED = range(9)
@@ -44,21 +44,16 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
     set_step(flow, 1.0)
     copy_into(flow.scale, flow.inverse_sizes)
     code, total = ACCEPTED if solved else REJECTED, 0
-    if flow.audit >= PRINCIPAL or solved:
-        pass  # the arc's root, whatever Newton would find
-    elif flow.continuation:
+    if flow.audit < PRINCIPAL and not solved:  # else the arc's root, whatever Newton would find
         copy_into(flow.x, flow.at_rest)  # z1 = z0
-        code, total = newton(flow, NEGLIGIBLE, 0.0)
-        if code == ACCEPTED:
+        code, total = newton(flow, NEGLIGIBLE, 0.0, flow.continuation)
+        if code == ACCEPTED and flow.continuation:
             tally.retried += 1
-        else:
+        elif flow.continuation:
             code, count, tries = track(flow)
             total += count
             tally.tracked += 1
             tally.tries += tries
-    else:
-        copy_into(flow.x, flow.at_rest)
-        code, total = plain_newton(flow)
     reason = OK if code == ACCEPTED else NONCONVERGED
     if (code != ACCEPTED and flow.continuation) or flow.audit != NO_AUDIT:
         reason, count = by_arc(flow, reason)

@@ -242,7 +242,7 @@ def newton_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> tupl
 
 
 @rare
-def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
+def newton(flow: CompiledFlow, enough: float, slope: float, careful: bool) -> tuple[int, int]:
     """Newton at fixed h from `x`, in place; returns (ACCEPTED or REJECTED, iterations), increments of the state in dz.
 
     enough : predicted error that ends it, NEGLIGIBLE for a root that is kept. slope : of the line through `old` and
@@ -252,13 +252,23 @@ def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
     It ends where the next correction would be below round-off, by how the last one shrank, or where corrections near a
     root shrink no more. That one is small does not do: next to a spring of length l equations curve as 1/l. Sparse
     linear systems are solved as exactly as a correction deserves, with incomplete factors of the first.
+
+    careful : else as textbooks have it, for comparison: every correction is taken in full, whatever its size and the
+    sign of the determinant, until one is below 1e-10; it fails on a value that is not finite, or after 20 iterations.
     """
     x = flow.x
+    most = MAX_ITERATIONS if careful else PLAIN_ITERATIONS
     previous, near, left = np.inf, False, FIRST if flow.ns > 0 else 0.0
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        sign, smallest = newton_correction(flow, left, iteration == 1)
+    for iteration in range(1, most + 1):
+        sign, smallest = newton_correction(flow, left if careful else FINEST, iteration == 1 or not careful)
         total, delta = take_correction(flow, flow.scale)
-        if not (abs(total) < np.inf) or sign <= 0.0:
+        if not (abs(total) < np.inf) or sign == 0.0:
+            return REJECTED, iteration
+        if not careful:
+            if delta < CONVERGED:
+                return finish(flow), iteration
+            continue
+        if sign < 0.0:
             return REJECTED, iteration
         for i in range(flow.npos):
             if not flow.temperatures[i] > 0.0:
@@ -285,26 +295,7 @@ def newton(flow: CompiledFlow, enough: float, slope: float) -> tuple[int, int]:
             previous = polish(flow)
             if max(contraction * contraction, previous / delta) * previous < enough:
                 return finish(flow), iteration
-    return (finish(flow) if near else REJECTED), MAX_ITERATIONS
-
-
-@rare
-def plain_newton(flow: CompiledFlow) -> tuple[int, int]:
-    """Newton as textbooks have it, for comparison: from `x`, in place; returns (ACCEPTED or REJECTED, iterations).
-
-    Every correction is taken in full, whatever its size and whatever the sign of the determinant, until one is below
-    1e-10. It fails on a value that is not finite or after 20 iterations.
-    """
-    for iteration in range(1, PLAIN_ITERATIONS + 1):
-        sign, _ = newton_correction(flow, FINEST, True)
-        if sign == 0.0:
-            return REJECTED, iteration
-        total, delta = take_correction(flow, flow.scale[: flow.nx])
-        if not abs(total) < np.inf:
-            return REJECTED, iteration
-        if delta < CONVERGED:
-            return finish(flow), iteration
-    return REJECTED, PLAIN_ITERATIONS
+    return (finish(flow) if near else REJECTED), most
 
 
 @rare
@@ -343,7 +334,7 @@ def track(flow: CompiledFlow) -> tuple[int, int, int]:
         slope = (target - done) / (done - before) if done > before else 0.0
         for i in range(n):
             x[i] = last[i] + slope * (last[i] - old[i])
-        code, count = newton(flow, TRACK_ENOUGH if target < 1.0 else NEGLIGIBLE, slope)
+        code, count = newton(flow, TRACK_ENOUGH if target < 1.0 else NEGLIGIBLE, slope, True)
         iterations += count
         if code == ACCEPTED:
             if target >= 1.0:

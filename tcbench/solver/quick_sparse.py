@@ -31,14 +31,14 @@ def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     copy_into(flow.scale, flow.inverse_sizes)
     if kept.pause > 0.0:
         kept.pause -= 1.0
-        return newton(flow, NEGLIGIBLE, 0.0)
+        return newton(flow, NEGLIGIBLE, 0.0, True)
     code, count = by_old_factors(flow)
     if code == ACCEPTED:
         return code, count
     kept.made_in, kept.pause = 0.0, PAUSED
     copy_into(flow.last, flow.x)
     copy_into(flow.x, flow.guess)
-    code, more = newton(flow, NEGLIGIBLE, 0.0)
+    code, more = newton(flow, NEGLIGIBLE, 0.0, True)
     if code == ACCEPTED and kept.stopped < CONVERGED:
         off = 0.0
         for i in range(n):

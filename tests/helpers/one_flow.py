@@ -4,9 +4,9 @@ from tcbench.compiler.library import Library, evaluate
 from tcbench.solver.continuation import arc, detour
 from tcbench.solver.flow import Tally
 from tcbench.solver.implicit_step import Rules, compiled_flows, constants_of, make_flows
-from tcbench.solver.newton import NEGLIGIBLE, newton, plain_newton, track
+from tcbench.solver.newton import NEGLIGIBLE, newton, track
 
-SOLVERS = Library("solvers", newton, plain_newton, track, arc, detour)
+SOLVERS = Library("solvers", newton, track, arc, detour)
 
 
 class OneFlow:
@@ -37,12 +37,12 @@ class OneFlow:
     def newton(self, start):
         """(ACCEPTED or REJECTED, iterations) of the careful Newton from these unknowns."""
         self.x[:] = start
-        return SOLVERS.newton(self.record, NEGLIGIBLE, 0.0)
+        return SOLVERS.newton(self.record, NEGLIGIBLE, 0.0, True)
 
     def plain_newton(self, start):
         """The same of Newton as textbooks have it."""
         self.x[:] = start
-        return SOLVERS.plain_newton(self.record)
+        return SOLVERS.newton(self.record, NEGLIGIBLE, 0.0, False)
 
     def track(self):
         """(ACCEPTED or REJECTED, iterations, tries) of natural continuation."""
