@@ -43,8 +43,8 @@ def front(known: Mapping[str, str], rank: Mapping[str, Any]) -> list[str]:
 
 
 def _ranks(tables: Tables, found: DataFrame) -> dict[Any, tuple[float, ...]]:
-    """(method, scenario) -> how many targets it missed, its time to the last that it reached, its least error; without
-    errors how many of its runs failed, and the most energy that one lost."""
+    """(method, scenario) -> its times to the targets, the smallest error first, infinite where it missed one, and its
+    least error; without errors how many of its runs failed, and the most energy that one lost."""
     rank = found.reindex(columns=[*TARGETS, "least"])
     work, ladder = tables.get("work_precision"), tables.get("conservation")
     if work is not None and "error" in work:
@@ -53,8 +53,4 @@ def _ranks(tables: Tables, found: DataFrame) -> dict[Any, tuple[float, ...]]:
     elif not set(TARGETS) & set(found) and ladder is not None:
         rank["least"] = to_numbers(ladder, "energy_error_max").groupby([ladder[c] for c in found.index.names]).max()
         rank[TARGETS[0]] = found["ladder_failed"] * 1.0
-    ranks = dict[Any, tuple[float, ...]]()
-    for key, row in rank.fillna(math.inf).iterrows():
-        missed = next((k for k, target in enumerate(TARGETS) if row[target] < math.inf), len(TARGETS))
-        ranks[key] = (missed, min(row[TARGETS[missed : missed + 1]], default=math.inf), row["least"])
-    return ranks
+    return dict(zip(rank.index, rank.fillna(math.inf).itertuples(index=False, name=None), strict=True))

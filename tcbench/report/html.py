@@ -5,13 +5,12 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
-import json
 import math
-from collections.abc import Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import orjson
 
 from ..studies.columns import column
 from ..table import Table
@@ -45,7 +44,9 @@ def packed_table(table: DataFrame, known: Table) -> str:
 
 
 def packed_json(data: Any) -> str:
-    return packed(json.dumps(data, separators=(",", ":"), ensure_ascii=True, allow_nan=False))
+    """Packed JSON, in which NaN and infinities are null."""
+    options = orjson.OPT_NON_STR_KEYS | orjson.OPT_SERIALIZE_NUMPY
+    return packed(orjson.dumps(data, default=str, option=options).decode())
 
 
 def packed(text: str) -> str:
@@ -80,16 +81,3 @@ def script_hash(text: str) -> str:
 def script_text(name: str) -> str:
     """A script of the page, as it may stand inside a script element."""
     return (files(__package__) / "templates" / name).read_text("utf-8").replace("</script", "<\\/script")
-
-
-def strict(value: Any, digits: int = 17) -> Any:
-    """It as JSON can say it, numbers to so many digits; None for what is no number."""
-    if isinstance(value, Mapping):
-        return {str(k): strict(v, digits) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [strict(v, digits) for v in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, float):
-        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)

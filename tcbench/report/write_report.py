@@ -21,7 +21,7 @@ from .by_method import paper
 from .chart_kinds import kinds
 from .charts.scales import power_text
 from .highlight import leaders
-from .html import packed, packed_json, packed_table, script_hash, script_text, strict, vendored
+from .html import packed, packed_json, packed_table, script_hash, script_text, vendored
 from .marks import MARKS
 from .overview import findings, lawful_ones, scenario_answers
 from .page_charts import panels_of
@@ -122,7 +122,7 @@ def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, 
         "provenances": {name: _facts(found) for name, found in store.provenances().items()},
         "references": _references(tables),
         "problems": store.problems,
-        "page": packed_json(strict(data, 6)),
+        "page": packed_json(data),
         "packed": {name: packed_table(table, known[name]) for name, table in tables.items()},
         "library": packed(vendored()),
         "script": script,

@@ -22,7 +22,7 @@ from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Table
 from .ensemble import APART, members, numbers_hash, whole
-from .map import Axis, needs_axes, parse_axis
+from .map import Axis, axes
 
 SIZE = 30  # scenarios in a cell
 LARGEST = 10_000
@@ -42,18 +42,15 @@ def bins(axis: Axis) -> list[tuple[float, float]]:
 def family_axes(scenario: Scenario, options: Mapping[str, Any]) -> tuple[Axis, Axis]:
     """The axes as written, of numbers that the scenario's family has a range for, or the step."""
     family = plugins.find_family(plugins.split_name(scenario.name)[0])
-    x, y = parse_axis(options["x"]), parse_axis(options["y"])
+    x, y = axes(options)
     for axis in (x, y):
         if axis.name != "dt" and axis.name not in family.ranges:
             raise unknown_name(f"axis of a map of {family.name!r}", axis.name, ["dt", *family.ranges])
-    if x.name == y.name:
-        raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
     return x, y
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a row of the map; options: x, y (axes as written), size (scenarios in a cell), seed."""
-    needs_axes(options)
     size = whole(options, "size", SIZE, 2, LARGEST)
     first = APART * whole(options, "seed", 0, 0, 10**9)
     cells: Cells = []

@@ -48,10 +48,14 @@ class Axis:
 MOST_VALUES = 2000  # on an axis: more than a screen or a page can show
 
 
-def needs_axes(options: Mapping[str, Any]) -> None:
-    """TcbenchError where a map is asked for as other studies are, without axes."""
+def axes(options: Mapping[str, Any]) -> tuple[Axis, Axis]:
+    """Both axes as written; TcbenchError where a map is asked for as other studies are, without axes, or with one."""
     if not options.get("x") or not options.get("y"):
         raise TcbenchError("A map needs its two axes: tcbench map INTEGRATOR SCENARIO --x dt=0.02:4:40:log --y ...")
+    x, y = parse_axis(options["x"]), parse_axis(options["y"])
+    if x.name == y.name:
+        raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+    return x, y
 
 
 def parse_axis(text: str) -> Axis:
@@ -122,10 +126,7 @@ def measure_cell(
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a row of the map; options "x" and "y" are the axes as written."""
-    needs_axes(options)
-    x, y = parse_axis(options["x"]), parse_axis(options["y"])
-    if x.name == y.name:
-        raise TcbenchError(f"Both axes of the map are {x.name!r}; they must differ.")
+    x, y = axes(options)
     if (dt := options.get("dt")) is not None:
         if "dt" in (x.name, y.name):
             raise TcbenchError("The step is an axis of this map already: leave out --dt, or take another axis.")
@@ -148,7 +149,7 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     """One row of the map: every x at the y of index options["row"]."""
-    x, y = parse_axis(options["x"]), parse_axis(options["y"])
+    x, y = axes(options)
     at = (y.name, y.values[options["row"]])
     dt = options.get("dt")
     cells = [measure_cell(integrator, scenario, (x.name, value), at, dt) for value in x.values]
@@ -162,7 +163,7 @@ def tabulate(records: Sequence[Row]) -> Tables:
 
 def _lost_row(record: Mapping[str, Any]) -> Row:
     """A row whose cell did not complete (a crash, a deadline): one entry, so that it is seen."""
-    x, y = parse_axis(record["x"]), parse_axis(record["y"])
+    x, y = axes(record)
     return {
         "x_name": x.name, "y_name": y.name, "y": y.values[record["row"]], "outcome": record["status"],
         "status": record["status"], "failure": record.get("failure", ""),
