@@ -187,12 +187,12 @@ def cheapest(found: DataFrame) -> Finding | None:
     failed = {name: text for name in typical.index if (text := _where_it_fails(found.loc[name]))}
     first, href = typical.index[0], "#lens=cost"
     name = next((name for name in typical.index if name not in failed), first)
-    text, of = f"{typical[name]:.2g} µs a step", times[name]
+    text, of = f"{rounded(typical[name])} µs a step", times[name]
     more = [f"median of {of} scenarios"] if of > 1 else []
     if name in failed:
         more.append("no method never failed")
         return Finding("The cheapest step", called(name), f"{text}; {failed[name]}", href, more)
-    more += [f"{called(first)}, {typical[first]:.2g} µs, {failed[first]}"] if name != first else []
+    more += [f"{called(first)}, {rounded(typical[first])} µs, {failed[first]}"] if name != first else []
     return Finding("Cheapest, never failed", called(name), text, href, more)
 
 

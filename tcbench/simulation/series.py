@@ -22,6 +22,7 @@ POINTS = 180  # states that a row keeps
 DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # of what a row keeps: states, losses of laws, distance from the exact motion
 LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
 RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
+ENDS = {"low": np.min, "mean": np.mean, "high": np.max}  # of temperatures, where there are more than letters
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
 
 
@@ -30,7 +31,7 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
 
     energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (the error
     |I - I_0|/|I_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far, over V_0;
-    temperature_a, ... ; then the variables, each number by its name (m0, m1, ...), or what elements tell instead:
+    temperature_a, ... (of many temperature_low, temperature_mean and temperature_high alone); then the variables, each number by its name (m0, m1, ...), or what elements tell instead:
     strain_a (log strain) of each, x_1, y_1, ... of each mass in the plane, q_1, ... of other positions; and at_x_1,
     at_y_1, ... of each joint of a picture that points() gives. "So far" is over every recorded state.
     """
@@ -45,7 +46,8 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
         found |= {name: values, f"{name}_error": np.abs(values - values[0]) / invariant_scale(run, name)}
     found = {name: values[keep] for name, values in found.items()}
     if model.n_temperatures > len(LETTERS):
-        return found
+        theta = run.temperatures[keep]
+        return found | {f"temperature_{end}": of(theta, axis=1) for end, of in ENDS.items()}
     for letter, theta in zip(LETTERS, run.temperatures[keep].T, strict=False):
         found[f"temperature_{letter}"] = theta
     return found | model.told_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])

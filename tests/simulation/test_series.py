@@ -58,6 +58,17 @@ def test_a_failed_run_ends_where_it_failed_and_no_column_is_empty():
     assert (known == (np.array(gas["t"]) <= 25.0001)).all()  # as far as the exact motion is known
 
 
+def test_of_many_temperatures_the_range_and_the_mean_are_kept_and_drawn_as_a_band():
+    """The page of a net showed its laws alone."""
+    run = tcbench.simulate("tc_monolithic", "net[nx=5,ny=5]", dt=0.1, t_end=1.0)
+    kept, theta = series.kept(run)["series"], run.temperatures
+    assert theta.shape[1] == 42 and "temperature_a" not in kept
+    for end, of in series.ENDS.items():
+        assert np.allclose(kept[f"temperature_{end}"], of(theta, axis=1), rtol=1e-8)
+    (ax,) = tcbench.draw("in-time", run).axes
+    assert ax.get_title(loc="left") == "temperature: mean, least to largest" and len(ax.collections) == 1
+
+
 def test_the_distance_from_the_exact_motion_is_that_from_a_finer_run():
     run, fine = (tcbench.simulate(m, SHORT, **how) for m, how in (("midpoint_entropy", {"dt": 0.1}), ("tc_auto", {})))
     exact = tcbench.simulate("tc_auto", SHORT, tolerance=1e-12, times=run.t[1:])

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
-from ...simulation.series import variables
+from ...simulation.series import ENDS, variables
 from ...studies.columns import column as column_named
 from .layout import halo, panels, pt
 from .render import chart, chart_of_rows
@@ -28,6 +28,7 @@ LAWS = {
     "lyapunov_rise": "E − θ_ref S regained / V₀",
     "exact_error": "distance from the exact motion, relative",
 }
+EXTENT = [f"temperature_{end}" for end in ENDS]
 MOST_OF_ARRAY = 6  # numbers of an array that have a panel each
 MOST_PATHS = 12  # panels, of paths or of variables, that still can be read
 MOST_LINES = 6  # of one method in one panel
@@ -68,9 +69,9 @@ def in_time(series: DataFrame) -> Sheet:
     strains = _numbered(series, "strain")
     moving = [c for c in (*_numbered(series, "temperature"), *strains) if _moves(series[c])]
     arrays: dict[str, list[str]] = {}
-    for column in [*moving, *([] if strains else _measured(series, variables(series)))]:
-        arrays.setdefault(re.sub(r"(_[a-z]|[\d_,]+)$", "", column), []).append(column)
-    large = {stem: of for stem, of in arrays.items() if len(of) > MOST_OF_ARRAY}
+    for column in dict.fromkeys([*moving, *([] if strains else _measured(series, variables(series)))]):
+        arrays.setdefault(re.sub(r"(_[a-z]|_low|_mean|_high|[\d_,]+)$", "", column), []).append(column)
+    large = {stem: of for stem, of in arrays.items() if len(of) > MOST_OF_ARRAY or of == EXTENT}
     columns = [column for stem, of in arrays.items() if stem not in large for column in of][:MOST_PATHS]
     shown = zip(columns, _lines(series, columns), strict=True)
     panels = [_plain(lines, column_named(column).label) for column, lines in shown]
@@ -85,12 +86,13 @@ def _plain(lines: Sequence[Series], title: str, **more: Any) -> Panel:
 def _band(series: DataFrame, stem: str, columns: Sequence[str]) -> Panel:
     """The mean of an array in time, in a band from its least to its largest number."""
     values, t = np.array([finite(series[column]) for column in columns]), numbers(series, "t")
-    low, mean, high = (of(values, axis=0) for of in (np.min, np.mean, np.max))
+    low, mean, high = values if columns == EXTENT else (of(values, axis=0) for of in ENDS.values())
     lines = [
         Series(name, t[rows], mean[rows], low[rows], high[rows], marks="", ended=_failed(series, rows[-1]))
         for name, rows in _runs(series)
     ]
-    title = f"{stem.replace('_', ' ')}: mean of {len(columns)}, least to largest"
+    count = "" if columns == EXTENT else f" of {len(columns)}"
+    title = f"{stem.replace('_', ' ')}: mean{count}, least to largest"
     return _plain(lines, title, y_values=[*low, *high])
 
 

@@ -136,8 +136,8 @@ const ranking = (name, wanted, work) => {
     there.sort((a, b) => size(sorting, a.name) - size(sorting, b.name) || size(tie, a.name) - size(tie, b.name) || (a.name < b.name ? -1 : 1));
     const best = Object.fromEntries(columns.map((c) => [c[0], Math.min(...there.map((m) => c[3](m.name)).filter(known))]));
     root.replaceChildren(
-      el("div", { class: "tools" }, steps.length ? select("errors at step", steps.map((s) => [String(s), number(s)]), String(chosenIn.step), (v) => { chosenIn.step = +v; draw(); }) : "",
-        steps.length ? select("step for an error of", TOLERATED.map((t) => [t, percent(+t)]), chosenIn.off, (v) => { chosenIn.off = v; draw(); }) : "",
+      el("div", { class: "tools" }, measure && steps.length ? select("errors at step", steps.map((s) => [String(s), number(s)]), String(chosenIn.step), (v) => { chosenIn.step = +v; draw(); }) : "",
+        measure && steps.length ? select("step for an error of", TOLERATED.map((t) => [t, percent(+t)]), chosenIn.off, (v) => { chosenIn.off = v; draw(); }) : "",
         el("span", { class: "soft" }, "– not reached or failed; … stopped early; blank: not measured. A heading sorts."),
         again(`tcbench run -s ${word(name)} -o mine`, "tcbench report mine")),
       el("div", { class: "scroll ranking", tabindex: 0 }, el("table", { class: "simple rank" },
