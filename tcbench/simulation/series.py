@@ -31,7 +31,8 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
 
     energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (the error
     |I - I_0|/|I_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far, over V_0;
-    temperature_a, ... (of many temperature_low, temperature_mean and temperature_high alone); then the variables, each number by its name (m0, m1, ...), or what elements tell instead:
+    temperature_a, ... (of many temperature_low, temperature_mean and temperature_high, and no more); then the
+    variables, each number by its name (m0, m1, ...), or what elements tell instead:
     strain_a (log strain) of each, x_1, y_1, ... of each mass in the plane, q_1, ... of other positions; and at_x_1,
     at_y_1, ... of each joint of a picture that points() gives. "So far" is over every recorded state.
     """
