@@ -26,7 +26,7 @@ from ..compiler.derivatives import Symbol, const
 from ..compiler.elimination import factorise
 from ..compiler.normal_rows import cancelled
 from ..errors import TcbenchError, TraceError
-from .state import products, summed
+from .state import blocks_of, products, shape_of, summed
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -58,7 +58,38 @@ def named_constraints(system: System, found: Any, where: str) -> Any:
     if not isinstance(found, Mapping) or not set(found) <= set(system.multipliers):  # that of a base class has fewer
         wanted = ", ".join(f"{name!r}: ..." for name in system.multipliers)
         raise TcbenchError(f"{where} returns what has to be 0 by the name of its multiplier, {{{wanted}}}.")
+    for name, value in found.items():
+        declared = system.multipliers[name]
+        first, *further = declared = (declared,) if isinstance(declared, str) else (*declared, *[None] * (not declared))
+        shape = None if is_array(value) or value is None or isinstance(value, str) else shape_of(value)
+        over = isinstance(first, str)  # a space: on arrays the value is one over it
+        fits = shape == (() if first is None else declared) or (over and shape and shape[1:] == tuple(further))
+        if not (fits or (over and is_array(value))):
+            given = "nothing" if value is None else f"shape {shape}" if shape is not None else f"{value!r}"
+            wanted = "one number" if first is None else f"numbers of shape {system.multipliers[name]!r}"
+            raise TcbenchError(f"{where}: the multiplier {name!r} is declared to hold {wanted}; it is given {given}.")
     return found
+
+
+def check_positions(system: System) -> None:
+    """TcbenchError where constraints read what their own force moves: the multipliers would not follow from d2g/dt2."""
+    net = system.by_arrays if system.large else system.symbolic
+    with trace.tracing():
+        x, dE, dS = (net.unknowns(name) for name in "xab")
+        mu = symbols_like(conditions(net, x), "mu")
+        slopes = chain_rule.gradient(paired(mu, conditions(net, x)), entries(x))
+        rates = entries(net.reversible(x, dE, dS) + net.irreversible(x, dE, dS))
+        read = [i for i, slope in enumerate(slopes) if not trace.is_const(slope, 0.0)]
+        moved = [trace.lifted(rates[i]) for i in read]
+        felt = trace.depends_on(moved, [entries(dE)[i] for i in read])
+    of = [name for name, block in zip(net.variables, blocks_of(net, x), strict=True) for _ in entries(block)]
+    names = [of[i] for i, rate in zip(read, moved, strict=True) if rate.number in felt]
+    if names:
+        raise TcbenchError(
+            f"System {system.name!r}: constraints(z) reads {names[0]}, which moves with the constraint's own force; write "
+            "it in positions, whose rates the slopes dE of what it reads do not enter. (Entropies and momenta cannot be "
+            "held.)"
+        )
 
 
 def excluded(system: System, method: Integrator) -> str:

@@ -6,6 +6,7 @@ redundant. -{g, dg/dt} is G M^-1 G^T of mechanics, symmetric and positive defini
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any
 
@@ -13,10 +14,12 @@ import numpy as np
 
 from ..compiler.once import cached_property
 from ..errors import TcbenchError
+from .constrained import check_positions
 from .sparse_jacobian import sparse_slopes
 from .system import System
 
 REDUNDANT = 1e-10  # of a diagonal entry: a pivot that is less is round-off
+HELD = 1e-25  # G M^-1 G^T of a constraint that a force can hold, of which the start misses less than 1e-9
 KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of the state
 SHOWN = 30  # numbers of a variable that a sentence writes out
 MOST = 50  # corrections of a start
@@ -67,6 +70,8 @@ class Multipliers:
         from scipy.sparse import diags
         from scipy.sparse.linalg import splu
 
+        if not np.isfinite(inertia.data).all():
+            raise TcbenchError(f"System {self.system.name!r}: slopes of constraints(z) are not finite at this state.")
         least = REDUNDANT**1.5 * (np.abs(inertia.diagonal()) + 1e-300)  # so that a redundant one has a pivot
         return splu((inertia + diags(least)).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                     options={"SymmetricMode": True})  # fmt: skip
@@ -138,6 +143,7 @@ def check_start(system: System, z0: Any) -> None:
     """TcbenchError where constraints are redundant, or the start is off them or has velocities that leave them."""
     if (solved := multipliers(system)) is None:
         return
+    check_positions(system)
     allowed = KEPT * (1.0 + float(np.abs(z0).max()))
     for rate in (False, True):
         found = np.asarray(system.constraint_speeds(z0) if rate else system.constraint_values(z0))
@@ -147,6 +153,12 @@ def check_start(system: System, z0: Any) -> None:
                 f"System {system.name!r}: at the start {'the rate of constraints(z)' if rate else 'constraints(z)'} is "
                 f"{found[k]:.2g}, not 0 ({solved.told(k)}): {_cure(system, solved, z0)}"
             )
+    own = np.abs(solved.at(z0)[3].diagonal())
+    if not own.min() > HELD:
+        raise TcbenchError(
+            f"System {system.name!r}: at the start no force holds {solved.told(int(np.argmin(own)))}: constraints(z) is "
+            "constant there (a square has no slope where it is 0: write what is squared), or of what has no inertia."
+        )
     if redundant := solved.redundant(z0):
         m = len(solved.names)
         raise TcbenchError(
@@ -158,9 +170,10 @@ def check_start(system: System, z0: Any) -> None:
 
 def _cure(system: System, solved: Multipliers, z0: Any) -> str:
     """What to start from: the nearest start that is consistent."""
-    with np.errstate(all="ignore"):
+    z = None
+    with np.errstate(all="ignore"), contextlib.suppress(TcbenchError, RuntimeError):
         z, here = solved.consistent(z0), np.asarray(z0)
-    if not np.all(np.isfinite(z)) or np.abs(system.constraint_values(z)).max() > KEPT * (1.0 + np.abs(z).max()):
+    if z is None or not np.all(np.isfinite(z)) or np.abs(system.constraint_values(z)).max() > KEPT * (1.0 + np.abs(z).max()):
         return "there is no state near it that satisfies them; do they contradict each other?"
     state, moved = system.state(z), np.abs(z - here) > KEPT * (1.0 + np.abs(z))
     names = [name for name, (first, end, _) in system.layout.items() if moved[first:end].any()]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 from tcbench_plugins.rods.rods import Hanging
 
 import tcbench
@@ -213,6 +214,34 @@ def test_methods_that_cannot_are_refused():
             tcbench.simulate(name, scenario("rods"))
     with pytest.raises(TcbenchError, match=r"up to 100 numbers; .* take tc_monolithic"):
         tcbench.simulate("tc_auto", "director_rod", tolerance=1e-3)
+
+
+class Bead(Mechanical):
+    name = "bead"
+    variables = {"q": (2,), "p": (2,), "s": ()}
+
+    def energy(self, z):
+        return z.p @ z.p / 2 + z.q[1] + np.exp(z.s)
+
+    def irreversible(self, z, dE, dS):
+        return {"p": -0.1 * dE.p, "s": 0.1 * dE.p @ dE.p / dE.s}
+
+
+@pytest.mark.parametrize(
+    ("g", "told"),
+    [(lambda z: z.q @ z.q - (1 + 0.1 * z.s) ** 2, "reads s, which moves with the constraint's own force"),
+     (lambda z: z.p[0] - z.q[1] - 1.6, "reads p, which moves with the constraint's own force"),
+     (lambda z: 0 * z.q[0], "no force holds lam"), (lambda z: (z.q @ z.q - 1) ** 2, "no force holds lam"),
+     (lambda z: z.q, r"declared to hold one number; it is given shape \(2,\)"), (lambda z: None, "it is given nothing"),
+     (lambda z: np.sqrt(z.q[1]) - 1, "no state near it that satisfies them")],
+)  # fmt: skip
+def test_what_cannot_be_held_is_told_in_a_sentence_to_every_method(g, told):
+    system = type("OneBead", (Bead,), {"multipliers": {"lam": ()}, "constraints": lambda self, z: {"lam": g(z)}})
+    start = {"q": [0.6, -0.8], "p": [0.8, 0.6], "s": 0.0}
+    one = tcbench.Scenario("bead", system, {}, initial=start, t_end=0.1, dt=0.02, shows="", source="")
+    for method in ("tc_monolithic", "tc_gauss", "scipy_dop853"):
+        with np.errstate(all="ignore"), pytest.raises(TcbenchError, match=told):
+            tcbench.simulate(method, one)
 
 
 def test_multipliers_and_constraints_go_together():
