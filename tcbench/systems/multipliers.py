@@ -173,7 +173,11 @@ def _cure(system: System, solved: Multipliers, z0: Any) -> str:
     z = None
     with np.errstate(all="ignore"), contextlib.suppress(TcbenchError, RuntimeError):
         z, here = solved.consistent(z0), np.asarray(z0)
-    if z is None or not np.all(np.isfinite(z)) or np.abs(system.constraint_values(z)).max() > KEPT * (1.0 + np.abs(z).max()):
+    if (
+        z is None
+        or not np.all(np.isfinite(z))
+        or np.abs(system.constraint_values(z)).max() > KEPT * (1.0 + np.abs(z).max())
+    ):
         return "there is no state near it that satisfies them; do they contradict each other?"
     state, moved = system.state(z), np.abs(z - here) > KEPT * (1.0 + np.abs(z))
     names = [name for name, (first, end, _) in system.layout.items() if moved[first:end].any()]
