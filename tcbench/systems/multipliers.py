@@ -156,8 +156,8 @@ def check_start(system: System, z0: Any) -> None:
     own = np.abs(solved.at(z0)[3].diagonal())
     if not own.min() > HELD:
         raise TcbenchError(
-            f"System {system.name!r}: at the start no force holds {solved.told(int(np.argmin(own)))}: constraints(z) is "
-            "constant there (a square has no slope where it is 0: write what is squared), or of what has no inertia."
+            f"System {system.name!r}: at the start no force holds {solved.told(int(np.argmin(own)))}: constraints(z) "
+            "is constant there (a square has no slope where it is 0: write what is squared), or of what has no inertia."
         )
     if redundant := solved.redundant(z0):
         m = len(solved.names)
