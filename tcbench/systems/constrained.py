@@ -86,8 +86,8 @@ def check_positions(system: System) -> None:
     names = [of[i] for i, rate in zip(read, moved, strict=True) if rate.number in felt]
     if names:
         raise TcbenchError(
-            f"System {system.name!r}: constraints(z) reads {names[0]}, which moves with the constraint's own force: write "
-            "it in positions, which do not (momenta and entropies cannot be held)."
+            f"System {system.name!r}: constraints(z) reads {names[0]}, which moves with the constraint's own force: "
+            "write it in positions, which do not (momenta and entropies cannot be held)."
         )
 
 
