@@ -75,7 +75,7 @@ def main(ctx: click.Context) -> None:
 @SCENARIOS
 @click.option(
     "--study", "studies", multiple=True, metavar="NAME", shell_complete=lambda c, p, i: list(study_names()),
-    help=f"Study to run (default: all): {', '.join(study_names())}. Patterns, too; repeat for several.",
+    help=f"Study to run (default: see tcbench list): {', '.join(study_names())}. Patterns, too; repeat for several.",
 )  # fmt: skip
 @click.option(
     "--dt", "steps", multiple=True, type=float, metavar="STEP",

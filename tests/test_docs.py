@@ -37,6 +37,15 @@ def blocks(page):
     return [(language, name, code) for skipped, language, name, code in BLOCK.findall(text) if not skipped]
 
 
+def test_the_page_of_commands_is_what_they_say():
+    """Two studies were missing from it."""
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    spec = spec_from_file_location("command_line", ROOT / "docs" / "command_line.py")
+    spec.loader.exec_module(module := module_from_spec(spec))
+    assert module.PAGE.read_text("utf-8") == module.page(), "python docs/command_line.py"
+
+
 @pytest.fixture
 def empty(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import groupby
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -111,15 +109,13 @@ def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
 def _one_ensemble(records: Sequence[Row]) -> dict[str, DataFrame]:
     import pandas as pd
 
-    known = scenario_rows(records)
-    ladders = with_errors(records, known)
-    runs = pd.DataFrame([*run_rows(records)])
-    scenarios = [{k: v for k, v in row.items() if k != "state"} for row in known.values()]
-    rows = {
-        "failure_share": share_rows(runs), "ensemble_laws": law_rows(runs),
-        "ensemble_accuracy": accuracy_rows(ladders, known), "ensemble_points": point_rows(ladders, known),
-        "performance_profile": profile_rows(records, ladders, known), "ensemble_scenarios": scenarios,
-    }  # fmt: skip
+    known, runs = scenario_rows(records), pd.DataFrame([*run_rows(records)])
+    rows: dict[str, Any] = {"failure_share": share_rows(runs), "ensemble_laws": law_rows(runs)}
+    if len(rungs := pd.DataFrame([*rung_rows(records, known)])):
+        rungs["good"] = rungs["seed"].isin(usable(known, "state", MIDDLE, known))
+        rows |= {"ensemble_accuracy": accuracy_rows(rungs), "ensemble_points": point_rows(rungs),
+                 "performance_profile": profile_rows(records, rungs, known)}  # fmt: skip
+    rows["ensemble_scenarios"] = [{k: v for k, v in row.items() if k != "state"} for row in known.values()]
     return {name: pd.DataFrame(found) for name, found in rows.items()}
 
 
@@ -212,25 +208,21 @@ def scenario_rows(records: Sequence[Row]) -> dict[int, Row]:
     return rows
 
 
-def with_errors(records: Sequence[Row], known: Mapping[int, Row]) -> dict[str, dict[int, list[Row]]]:
-    """Rungs by integrator and seed, each with its `error`; none where there is no reference."""
-    found: dict[str, dict[int, list[Row]]] = {}
+def rung_rows(records: Sequence[Row], known: Mapping[int, Row]) -> Iterator[Row]:
+    """Each timed run with its `error` (NaN where there is no reference); of a cell that was lost a row a seed without a
+    value: no method gets away with a crash."""
     for record in records:
         if record["part"] != "timings":
             continue
-        mine = found.setdefault(record["integrator"], {})
-        for seed, rungs in zip(range(*record["seeds"]), record.get("ladders") or [], strict=False):
-            exact = known[seed]["state"] if seed in known else None
-            mine[seed] = [_with_error(rung, exact) | {"control": record["control"]} for rung in rungs]
-        for seed in range(*record["seeds"]):
-            mine.setdefault(seed, [])  # of a cell that was lost: no method gets away with a crash
-    return found
-
-
-def _with_error(rung: Row, exact: Any) -> Row:
-    good = rung["kind"] == 0
-    error = gap(rung["state"], exact) if good and exact is not None else math.nan
-    return rung | {"status": KINDS[rung["kind"]], "error": error, "wall_time_min_s": rung.get("time_s")}
+        seeds = range(*record["seeds"])
+        for seed, rungs in zip(seeds, record.get("ladders") or [[]] * len(seeds), strict=True):
+            exact = known.get(seed, {}).get("state")
+            for rung in rungs or [{"value": math.nan, "kind": 0}]:
+                error = gap(rung["state"], exact) if rung.get("state") is not None and exact is not None else math.nan
+                yield {"integrator": record["integrator"], "seed": seed, "control": record.get("control", ""),
+                       "value": rung["value"], "status": KINDS[rung["kind"]], "error": error,
+                       "energy_error": rung.get("energy_error"), "wall_time_min_s": rung.get("time_s"),
+                       "repeats": rung.get("repeats")}  # fmt: skip
 
 
 def usable(known: Mapping[int, Row], measure: str, target: float, seeds: Iterable[int]) -> list[int]:
@@ -240,65 +232,42 @@ def usable(known: Mapping[int, Row], measure: str, target: float, seeds: Iterabl
     return [seed for seed in seeds if seed in known and known[seed]["floor"] <= USABLE * target]
 
 
-def accuracy_rows(ladders: Mapping[str, Mapping[int, list[Row]]], known: Mapping[int, Row]) -> list[Row]:
-    """Quantiles of error and time of each rung, over the scenarios with a reference good to 1e-7."""
-    rows = []
-    for name, by_seed in ladders.items():
-        good = set(usable(known, "state", MIDDLE, by_seed))
-        runs = [rung | {"seed": seed} for seed, rungs in by_seed.items() for rung in rungs]
-        runs.sort(key=itemgetter("value"))
-        for value, rungs in groupby(runs, itemgetter("value")):
-            group = list(rungs)
-            made = [rung for rung in group if rung["status"] != "too slow"]
-            done = [rung for rung in made if rung["status"] == "ok" and rung["seed"] in good]
-            row: Row = {"integrator": name, "control": group[0]["control"], "value": value, "runs": len(done)}
-            row["without_reference"] = sum(rung["seed"] not in good for rung in made)
-            row["failed"] = sum(rung["status"] != "ok" for rung in made)
-            row["not_begun"] = len(by_seed) - len(made)
-            for column, key, ending in (("error", "error", ""), ("time", "wall_time_min_s", "_s")):
-                values = [rung[key] for rung in done]
-                for label, q in (("10", 0.1), ("median", 0.5), ("90", 0.9)):
-                    row[f"{column}_{label}{ending}"] = quantile(values, q)
-            rows.append(row)
+def accuracy_rows(rungs: DataFrame) -> list[Row]:
+    """Quantiles of error and time of each rung, over the scenarios with a reference good to 1e-7 (`good`)."""
+    rows, scenarios = [], rungs.groupby("integrator")["seed"].nunique()
+    for (name, value), group in rungs.groupby(["integrator", "value"]):
+        made = group[group["status"].ne("too slow")]
+        done = made[made["status"].eq("ok") & made["good"]]
+        rows.append(
+            {"integrator": name, "control": group["control"].iloc[0], "value": value, "runs": len(done),
+             "without_reference": int((~made["good"]).sum()), "failed": int(made["status"].ne("ok").sum()),
+             "not_begun": int(scenarios[name]) - len(made)}
+            | {f"{column}_{label}{ending}": quantile(done[key].to_numpy(float), q)
+               for column, key, ending in (("error", "error", ""), ("time", "wall_time_min_s", "_s"))
+               for label, q in (("10", 0.1), ("median", 0.5), ("90", 0.9))}
+        )  # fmt: skip
     return rows
 
 
-def point_rows(ladders: Mapping[str, Mapping[int, list[Row]]], known: Mapping[int, Row]) -> list[Row]:
+def point_rows(rungs: DataFrame) -> DataFrame:
     """Every run that has an error: the cloud whose quantiles `accuracy_rows` gives."""
-    return [
-        {"integrator": name, "seed": seed, "control": rung["control"], "value": rung["value"], "error": rung["error"]}
-        | {"energy_error": rung["energy_error"], "time_s": rung["wall_time_min_s"], "repeats": rung["repeats"]}
-        for name, by_seed in ladders.items()
-        for seed in usable(known, "state", MIDDLE, by_seed)
-        for rung in by_seed[seed]
-        if rung["status"] == "ok"
-    ]
+    shown = rungs[rungs["status"].eq("ok") & rungs["good"] & rungs["value"].notna()]
+    shown = shown.rename(columns={"wall_time_min_s": "time_s"})
+    return shown[[name for name in POINTS.names if name in shown]].reset_index(drop=True)
 
 
-def times_to(ladders: Mapping[str, Mapping[int, list[Row]]], names: Sequence[str], seeds: Sequence[int], measure: str,
-             target: float) -> Any:  # fmt: skip
-    """Seconds to a target, shape (scenarios, methods); NaN where it was not reached."""
-    times = np.full((len(seeds), len(names)), np.nan)
-    for j, name in enumerate(names):
-        for i, seed in enumerate(seeds):
-            times[i, j] = reach(ladders[name][seed], MEASURES[measure], target)
-    return times
-
-
-def profile_rows(
-    records: Sequence[Row], ladders: Mapping[str, Mapping[int, list[Row]]], known: Mapping[int, Row]
-) -> list[Row]:
+def profile_rows(records: Sequence[Row], rungs: DataFrame, known: Mapping[int, Row]) -> list[Row]:
     """Performance profiles with their bands, over common scenarios; at tau = 1 how often each method was the first."""
-    names = sorted(ladders)
-    if not names:
-        return []
-    common = sorted(set.intersection(*(set(ladders[name]) for name in names)))
+    names = sorted(rungs["integrator"].unique())
+    methods_of = rungs.groupby("seed")["integrator"].nunique()
+    common = sorted(methods_of.index[methods_of.eq(len(names))])
     share_s = next(r["share_s"] for r in records if r["part"] == "timings")
+    ladders = {key: group.to_dict("records") for key, group in rungs.groupby(["seed", "integrator"])}
     profiles = []
     for measure, target in TARGETS:
         seeds = usable(known, measure, target, common)
-        times = times_to(ladders, names, seeds, measure, target)
-        middle, low, high = profile(times, np.array(TAUS))
+        times = [[reach(ladders[seed, name], MEASURES[measure], target) for name in names] for seed in seeds]
+        middle, low, high = profile(np.array(times).reshape(len(seeds), len(names)), np.array(TAUS))
         counts = {"runs": len(seeds), "without_reference": len(common) - len(seeds), "share_s": share_s}
         for j, name in enumerate(names):
             what = {"integrator": name, "measure": measure, "target": target}
