@@ -167,7 +167,7 @@ def methods(known):
     others = (
         n for n, i in known.items()
         if not i.memory and not i.systems and i.family is not project
-        and ("energy" not in i.claims or (i.kind == "flows" and "projected" not in i.tags))
+        and ("energy" not in i.claims or (i.kind == "flows" and "projected" not in i.tags and i.flows[-1].most == 1))
     )  # fmt: skip
     return [VERLET_HEAT4.name, *(name for name in others if name != VERLET_HEAT4.name)]
 
