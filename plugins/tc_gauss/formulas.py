@@ -23,12 +23,12 @@ from tcbench.compiler.derivatives import Symbol, lifted
 from tcbench.compiler.kernels import Kernel, constant_part, kernel, placed
 from tcbench.compiler.language import PLAIN
 from tcbench.compiler.once import once
-from tcbench.compiler.vector_kernels import can_express
 from tcbench.reference.quadrature import gauss, integrals, lagrange
 from tcbench.solver.mending import by_variable, mending_kernels
 from tcbench.systems.constrained import reduced
 from tcbench.systems.system import System
 
+from .lanes import can_express
 from .memory import POINTS, Numbers
 from .sparse import with_fill
 

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.kernels import WIDTH
-from tcbench.compiler.machine import load
+from tcbench.compiler.kernels import WIDTH, Kernel
 from tcbench.compiler.once import once
-from tcbench.compiler.vector_kernels import Lanes
 from tcbench.systems.system import System
 
 from .formulas import Formulas, coefficients, formulas
+from .lanes import Lanes
 from .memory import ON_VECTORS, POINTS
 from .sparse import with_fill
 
@@ -35,10 +34,10 @@ def vector_kernels(symbolic: System, k: int) -> dict[str, int]:
         return dict.fromkeys(KERNELS, 0)
     at = Factors(made)
     with trace.tracing(made.table):
-        texts = [factors(made, at, k), damping(made, at, k)]
-        texts += [iteration(made, at, k, level) for level in range(ON_VECTORS)]
-    texts += [extrapolation(k, symbolic.size), closing(k, symbolic.size)]
-    return {name: load(text, str) for name, text in zip(KERNELS, texts, strict=True)}
+        kernels = [factors(made, at, k), damping(made, at, k)]
+        kernels += [iteration(made, at, k, level) for level in range(ON_VECTORS)]
+    kernels += [extrapolation(k, symbolic.size), closing(k, symbolic.size)]
+    return {name: made.address for name, made in zip(KERNELS, kernels, strict=True)}
 
 
 class Factors:
@@ -72,7 +71,7 @@ def shared(lanes: Any, made: Formulas) -> dict[Any, str]:
     return {x: lanes.number(lanes.b, i) for x, i in made.places.items()}
 
 
-def factors(made: Formulas, at: Factors, k: int) -> str:
+def factors(made: Formulas, at: Factors, k: int) -> Kernel:
     """a: what `start` gives; b: h; out: LU factors, with the reciprocals of the pivots, of I - h w J for one eigenvalue
     w of A of each pair and, in one lane more, of I - h J, which damps defects."""
     lanes, known = Lanes(), coefficients(k)
@@ -99,11 +98,11 @@ def factors(made: Formulas, at: Factors, k: int) -> str:
     for (i, j), value in entry.items():
         for part, number in enumerate(value):
             lanes.store(number, at.place(i, j) + part * WIDTH)
-    return lanes.text()
+    return lanes.kernel()
 
 
-def damping(made: Formulas, at: Factors, k: int) -> str:
-    """Text of a kernel that applies (I - hJ)^-1 to the rows of `out` that belong to own variables, in place. a: the
+def damping(made: Formulas, at: Factors, k: int) -> Kernel:
+    """A kernel that applies (I - hJ)^-1 to the rows of `out` that belong to own variables, in place. a: the
     factors."""
     lanes, lane = Lanes(), coefficients(k).pairs
     x = [lanes.row(lanes.out, WIDTH * i) for i in at.own]
@@ -116,7 +115,7 @@ def damping(made: Formulas, at: Factors, k: int) -> str:
             x[i] = lanes.sub(x[i], lanes.mul(lanes.number(lanes.a, at.place(i, j) + lane), x[j]))
     for i, value in zip(at.own, x, strict=True):
         lanes.store(value, WIDTH * i)
-    return lanes.text()
+    return lanes.kernel()
 
 
 def solved(lanes: Any, at: Factors, first: int, x: list[Complex]) -> list[Complex]:
@@ -157,7 +156,7 @@ def projected(lanes: Any, k: int, level: int, here: Any, carried: Any, slopes: l
     return [lanes.combine(columns, x) for x in values]
 
 
-def iteration(made: Formulas, at: Factors, k: int, level: int) -> str:
+def iteration(made: Formulas, at: Factors, k: int, level: int) -> Kernel:
     """`step.rates` and `corrected` with one of the quadratures.
 
     a: z, weights of a residual, what is carried of z, the factors; b: h, constants; out: U, which is corrected in
@@ -199,12 +198,12 @@ def iteration(made: Formulas, at: Factors, k: int, level: int) -> str:
         lanes.store(x, WIDTH * (size + i))
     for i, x in moved.items():
         lanes.store(x, WIDTH * i)
-    lanes.store(lanes.largest(sizes or [lanes.constant(0.0)]), 2 * WIDTH * size)
-    return lanes.text()
+    lanes.store_number(lanes.largest(sizes or [lanes.constant(0.0)]), 2 * WIDTH * size)
+    return lanes.kernel()
 
 
 @cache
-def extrapolation(k: int, m: int) -> str:
+def extrapolation(k: int, m: int) -> Kernel:
     """`step.extrapolate`. a: this step over the last; out: U, N, of m variables each."""
     lanes, coefficient = Lanes(), coefficients(k)
     x = lanes.add(lanes.constant(1.0), lanes.mul(lanes.number(lanes.a, 0), lanes.constant(coefficient.nodes)))
@@ -217,11 +216,11 @@ def extrapolation(k: int, m: int) -> str:
     for i in range(m):
         last = [lanes.number(lanes.out, WIDTH * (m + i) + l) for l in range(k)]
         lanes.store(lanes.combine(weights, last), WIDTH * i)
-    return lanes.text()
+    return lanes.kernel()
 
 
 @cache
-def closing(k: int, m: int) -> str:
+def closing(k: int, m: int) -> Kernel:
     """The end of a step: sums over the nodes. a: N; b: h; out: dz, then N at 0 and N at 1, of m variables each."""
     lanes, coefficient = Lanes(), coefficients(k)
     rows = [lanes.first(k, lanes.row(lanes.a, WIDTH * i)) for i in range(m)]
@@ -229,5 +228,5 @@ def closing(k: int, m: int) -> str:
     b = lanes.mul(lanes.number(lanes.b, 0), lanes.constant([*coefficient.b, *pad]))
     sides = [lanes.constant([*side, *pad]) for side in (coefficient.at_start, coefficient.at_end)]
     for i, value in enumerate(lanes.mul(side, x) for side in (b, *sides) for x in rows):
-        lanes.store(lanes.sum(value), i)
-    return lanes.text()
+        lanes.store_number(lanes.sum(value), i)
+    return lanes.kernel()

@@ -14,13 +14,10 @@ from typing import NamedTuple
 
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
-from tcbench.compiler.machine import has_fma
 
 from .series import Series
 
-# lanes at most: processors without fused multiply-add have vectors of two, of which wider ones need too many (a tenth
-# to a fifth of the time)
-WIDTH = 4 if has_fma() else 2
+WIDTH = 4  # lanes at most
 DERIVATIVES = 3  # how far ahead of the order that is written a series may be asked for: rates of rates
 Pack = tuple[Series, ...]
 

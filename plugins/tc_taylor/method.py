@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,21 +10,16 @@ from numpy.typing import NDArray
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.kernels import Kernel, kernel
+from tcbench.compiler.kernels import kernel
 from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels
 
 from . import on_arrays
-from .orders import EFFORT, LEAST, MOST_ORDER, ORDERS, is_long
+from .orders import MOST_ORDER, is_long
 from .texts import series_kernels, slopes_kernel
 
 Floats = NDArray[np.float64]
-# Where a processor's first cache does not hold the code, every step waits for it: bytes of an operation, and of that
-# cache; nanoseconds of a step beside its code, and for each byte of code within the cache and beyond. Measured.
-BYTES, CACHE = 10.5, 31_000.0
-STEP, WITHIN, BEYOND = 100.0, 0.013, 0.020
-LINEAR = 6.0  # orders: sums other than Cauchy products, by 2 % on systems of 8 to 30 numbers
 SELDOM = 32  # steps to a mended state: mending takes a fifth of a step, or more
 
 
@@ -82,33 +76,6 @@ class TaylorMethod(Lending):
         if done == 0:
             raise ArithmeticError("the series gives no admissible state after this step")
         return states[:done]
-
-
-def taken(system: System, order: int) -> int:
-    """The order to take in the place of this one, the best for a tolerance as far as operations go.
-
-    Of elements at most the last whose steps are damped. Of those whose code is too long for the first cache of a
-    processor the one that takes the least time, as steps are as long as (tolerance / 10)^(1 / order).
-    """
-    most = min(order, MOST_ORDER) if system.defines("element_energy") else order
-    if is_long(system):
-        return most
-    series, polynomial, *_ = kernels(system.symbolic, most)
-    size = BYTES * (operations(series) + operations(polynomial))
-    if size <= CACHE:
-        return most
-
-    def time(p: int) -> float:
-        """Of the steps that cover a time, up to a factor; code grows as Cauchy products and other sums."""
-        code = size * p * (p + LINEAR) / (most * (most + LINEAR))
-        step = STEP + WITHIN * code if code <= CACHE else BEYOND * code
-        return step * math.exp((math.log(10.0) + (order - LEAST) / EFFORT) / p)
-
-    return min((p for p in ORDERS if p <= most), key=time)
-
-
-def operations(made: Kernel) -> int:
-    return sum(made.text.count(sign) for sign in "+-*/")
 
 
 @once_a_system

@@ -16,7 +16,7 @@ from tcbench.compiler.array_kernels import ArrayKernel
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.arrays import LINEAR, rebuilt
 from tcbench.compiler.derivatives import Symbol, const
-from tcbench.compiler.kernels import Kernel
+from tcbench.compiler.kernels import Kernel, of_lines
 
 from .lanes import kinks
 from .rates import rates
@@ -115,8 +115,7 @@ def polynomial_kernel(order: int, size: int) -> Kernel:
     """As `texts.polynomial_kernel`, in a loop."""
     lines = ["n = table[0]", "h = b[0]", "for i in range(n):", f"    t{order} = a[{order} * n + i]"]
     lines += [f"    t{k} = a[{k} * n + i] + h * t{k + 1}" for k in reversed(range(order))]
-    text = "".join(f"    {line}\n" for line in [*lines, "    out[i] = t0"])
-    return Kernel(f"def kernel(a, b, out):\n{text}", size, np.array([size], np.int32))
+    return of_lines([*lines, "    out[i] = t0"], size, np.array([size], np.int32))
 
 
 def slopes_kernel(order: int, size: int) -> Kernel:
@@ -130,5 +129,5 @@ def slopes_kernel(order: int, size: int) -> Kernel:
     ]
     for k in reversed(range(order)):
         lines += [f"    d{k} = t{k + 1} + h * d{k + 1}", f"    t{k} = a[{k} * n + i] + h * t{k + 1}"]
-    text = "".join(f"    {line}\n" for line in [*lines, "    out[i] = t0", f"    out[n + {BESIDE} + i] = d0"])
-    return Kernel(f"def kernel(a, b, out):\n{text}", 2 * size + BESIDE, np.array([size], np.int32))
+    lines += ["    out[i] = t0", f"    out[n + {BESIDE} + i] = d0"]
+    return of_lines(lines, 2 * size + BESIDE, np.array([size], np.int32))

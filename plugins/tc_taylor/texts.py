@@ -11,7 +11,7 @@ from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.derivatives import Symbol
-from tcbench.compiler.kernels import Kernel
+from tcbench.compiler.kernels import Kernel, of_lines
 
 from .lanes import WIDTH, Pack, kinks
 from .rates import rates
@@ -39,7 +39,7 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
         stored.append(f"out[{(order + 1) * size + at}] = {squared_size(writer, system, variables, k)}")
     turns = [writer.value((u,), k) or "0.0" for k in range(order + 1) for u in kinks(rate)]
     stored += [f"out[{(order + 1) * size + 2 + i}] = {turn}" for i, turn in enumerate(turns)]
-    series = written([*writer.lines, *stored], (order + 1) * size + 2 + len(turns))
+    series = of_lines([*writer.lines, *stored], (order + 1) * size + 2 + len(turns))
     field, more = rates_kernel(variables, rate, first + len(writer.given))
     return series, polynomial_kernel(order, size), field, [*writer.given, *more], time_of(writer)
 
@@ -47,7 +47,7 @@ def series_kernels(system: System, order: int, first: int) -> tuple[Kernel, Kern
 def rates_kernel(variables: list[Series], rate: list[Series], first: int) -> tuple[Kernel, list[Symbol]]:
     """A state and its rates, and constants: coefficients 0 and 1 of the same series."""
     writer, stored = coefficients(variables, rate, 1, first)
-    return written([*writer.lines, *stored], 2 * len(variables)), writer.given
+    return of_lines([*writer.lines, *stored], 2 * len(variables)), writer.given
 
 
 def coefficients(variables: list[Series], rate: list[Series], order: int, first: int) -> tuple[Writer, list[str]]:
@@ -115,7 +115,7 @@ def polynomial_kernel(order: int, size: int) -> Kernel:
     lines = powers(order)
     for i in range(0, size, WIDTH):
         lines += stored_sum(terms(order, size, i), i, i, min(WIDTH, size - i))
-    return written(lines, size)
+    return of_lines(lines, size)
 
 
 def slopes_kernel(order: int, size: int) -> Kernel:
@@ -128,7 +128,7 @@ def slopes_kernel(order: int, size: int) -> Kernel:
         lines += stored_sum(texts, i, i, count)
         slopes = [text if k == 1 else f"{float(k)} * {text}" for k, text in enumerate(texts)]
         lines += stored_sum(slopes[1:], behind + i, behind + i, count)
-    return written(lines, behind + size)
+    return of_lines(lines, behind + size)
 
 
 def powers(order: int) -> list[str]:
@@ -155,7 +155,3 @@ def spread(value: Any, count: int) -> list[Symbol]:
     return [
         x if isinstance(x, Symbol) else trace.const(float(x)) for x in np.asarray(value, dtype=object) * np.ones(count)
     ]
-
-
-def written(lines: list[str], count: int) -> Kernel:
-    return Kernel("def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines), count)

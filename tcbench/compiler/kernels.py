@@ -19,7 +19,7 @@ from .language import PLAIN, made_up_address, pick, put, release, row, scratch, 
 from .once import LOCK, cached_property
 from .ops import OPERATIONS, values
 
-WIDTH = 8  # doubles in a vector of vector_kernels.py
+WIDTH = 8  # doubles in a vector
 ROW = 4  # doubles in a short vector of results
 _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 
@@ -46,6 +46,11 @@ def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_ro
         group = results[i : min(i + ROW, in_rows)]
         lines.append(f"put(out, {i}, vector({', '.join(group)}))" if len(group) > 1 else f"out[{i}] = {group[0]}")
     lines += [f"out[{i}] = {name}" for i, name in enumerate(results) if i >= in_rows]
+    return text_of(lines)
+
+
+def text_of(lines: Sequence[str]) -> str:
+    """Source of a kernel with this body."""
     return "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
 
 
@@ -137,6 +142,11 @@ def placed(letter: str, symbols: Iterable[Symbol], first: int = 0) -> dict[Symbo
 
 def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int = 0) -> Kernel:
     return Kernel(straight_line(inputs, outputs, in_rows), len(outputs))
+
+
+def of_lines(lines: Sequence[str], size: int, table: NDArray[np.int32] | None = None) -> Kernel:
+    """A kernel of text that gives so many numbers."""
+    return Kernel(text_of(lines), size, table)
 
 
 def namespace() -> dict[str, Any]:

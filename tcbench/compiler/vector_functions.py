@@ -1,4 +1,4 @@
-"""Arithmetic of vectors as LLVM code, exp and log included: for `short_vectors` and for `vector_kernels`."""
+"""Arithmetic of vectors as LLVM code, exp and log included: for `short_vectors`."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ import mpmath as mp
 import numpy as np
 import pytest
 from tcbench_plugins.tc_taylor.series import Normal
-from tcbench_plugins.tc_taylor.texts import written
 from tcbench_plugins.tc_taylor.writer import Writer
 
 import tcbench
@@ -19,7 +18,7 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler import ops
 from tcbench.compiler.complex_symbols import Complex
 from tcbench.compiler.inverse import solved
-from tcbench.compiler.kernels import kernel
+from tcbench.compiler.kernels import kernel, of_lines
 from tcbench.compiler.language import of_c
 from tcbench.reference.lookup import reference_for
 
@@ -117,7 +116,7 @@ def test_its_series_is_that_of_fifty_digits():
     (rate,) = normal.of([y.softplus() * y])
     writer = Writer(normal.variables, {0: normal.single(rate)})
     stored = [f"out[{k}] = {writer.coefficient(normal.variables[0], k)}" for k in range(9)]
-    found = written([*writer.lines, *stored], 9)(np.array([0.4]), np.zeros(1))
+    found = of_lines([*writer.lines, *stored], 9)(np.array([0.4]), np.zeros(1))
     rate_of = lambda y: mp.log1p(mp.exp(y)) * y  # noqa: E731
     with mp.workdps(50):
         exact = [mp.mpf(0.4)]

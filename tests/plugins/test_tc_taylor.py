@@ -11,7 +11,7 @@ from tcbench_plugins.tc_taylor import lanes
 from tcbench_plugins.tc_taylor.method import TaylorMethod, kernels
 from tcbench_plugins.tc_taylor.on_arrays import Coefficients
 from tcbench_plugins.tc_taylor.series import Normal
-from tcbench_plugins.tc_taylor.texts import series_kernels, written
+from tcbench_plugins.tc_taylor.texts import series_kernels
 from tcbench_plugins.tc_taylor.writer import Writer
 
 import tcbench
@@ -19,7 +19,7 @@ from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler import ops
 from tcbench.compiler.arrays import total, variable
-from tcbench.compiler.kernels import kernel, namespace
+from tcbench.compiler.kernels import kernel, namespace, of_lines
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.reference.lookup import reference_for
 
@@ -67,7 +67,7 @@ def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name):
     rate = normal.single(rate)
     writer = Writer([variable], {0: rate})
     stored = [f"out[{k}] = {writer.coefficient(variable, k)}" for k in range(order + 1)]
-    found = written([*writer.lines, *stored], order + 1)(np.array([0.4]), np.zeros(1))
+    found = of_lines([*writer.lines, *stored], order + 1)(np.array([0.4]), np.zeros(1))
     on_arrays = Coefficients([y], [rate])
     others = kernel({y: "a[0]"}, [on_arrays.of(variable, k) for k in range(order + 1)])(np.array([0.4]), np.zeros(1))
     with mpmath.workdps(50):
@@ -111,7 +111,7 @@ def test_the_logarithm_of_a_product_of_different_signs_is_no_number():
     rate = [normal.single(form) for form in normal.of([(x * y).log(), (y / x).log()])]
     writer = Writer(normal.variables, dict(enumerate(rate)))
     stored = [f"out[{i}] = {writer.coefficient(variable, 1)}" for i, variable in enumerate(normal.variables)]
-    in_lanes = written([*writer.lines, *stored], 2)
+    in_lanes = of_lines([*writer.lines, *stored], 2)
     on_arrays = Coefficients([x, y], rate)
     as_arrays = kernel({x: "a[0]", y: "a[1]"}, [on_arrays.of(variable, 1) for variable in normal.variables])
     for first in (in_lanes, as_arrays):
