@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import plugins
-from ..analysis.theorems import SEED, admissible_states, energy_defect, entropy_fall
+from ..analysis.theorems import SEED, admissible_states, defects
 from ..compiler import derivatives as trace
 from ..integrator import Flow, Integrator
 from ..simulation.run import simulate
@@ -301,8 +301,8 @@ def claims(method: Integrator) -> Line:
             return Line(
                 name, FAIL, f"a step gives the very state that it began with, which is at no rest ({where})", RAISE
             )
-        for law, value in _violations(method, one).items():
-            worst[law] = max(worst.get(law, 0.0), value)
+        for law, missed in defects(method, one.scenario.model).items():
+            worst[law] = max(worst.get(law, 0.0), value := missed(one))
             if not value <= limit:
                 return Line(name, FAIL, f"{law} is violated by {value:.1e} ({where})", _claim_remedy(method, law))
     if not done:
@@ -339,20 +339,6 @@ def claim_lengths(method: Integrator) -> list[tuple[Scenario, int]]:
     """The scenarios whose first steps the claims are judged on, and how many steps those are."""
     most = 10 * RUN_STEPS if method.kind == "flows" else RUN_STEPS
     return [(scenario, min(scenario.steps(scenario.dt), most)) for scenario in plugins.scenarios_for(method)]
-
-
-def _violations(method: Integrator, one: Trajectory) -> dict[str, float]:
-    """How far each claim is missed, relative to the size of the quantity."""
-    result = {}
-    if "energy" in method.claims:
-        result["energy"] = energy_defect(one)
-    if "entropy" in method.claims:
-        result["entropy"] = entropy_fall(one)
-    for law, error in one.summary.invariant_error_max.items():
-        if law in method.claims:
-            arms = np.abs(one.z).max() ** 2
-            result[law] = error / max(1.0, arms)
-    return result
 
 
 # ---- derivatives
