@@ -84,8 +84,8 @@ class Packs:
     def _steps(self, x: Series, ahead: int) -> int:
         key = (id(x), ahead)
         if key not in self.waits:
-            if x.kind in ("sign", "guard"):  # of first coefficients: one sign may be made of another
-                found = 1 + max(self._steps(part, 0) for part in x.parts)
+            if x.kind == "sign":  # of first coefficients: one sign may be made of another
+                found = 1 + self._steps(x.parts[0], 0)
             elif x.constant:
                 found = 0
             elif x.kind == "var":

@@ -171,11 +171,6 @@ class Recurrences(Generic[X]):
         (u,) = self.parts(x)
         return None if n else self.over(self.value(u, 0), self.plus(STANDING, self.function("abs", self.value(u, 0))))
 
-    def _guard(self, x: X, n: int) -> Any:
-        """No number, where the signs of two differ at the start."""
-        sides = tuple(self.value(part, 0) for part in self.parts(x))
-        return None if n else self.scaled(STANDING, self.function("sqrt", self.sum_of([sides])))
-
     def _atan2(self, x: X, n: int) -> Any:
         """From how fast the angle turns."""
         turn, above, below = self.parts(x)

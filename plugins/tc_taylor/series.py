@@ -23,8 +23,7 @@ UNARY = ("log", "exp", "sqrt", "sin", "cos", "sinh", "cosh", "tanh", "atan")
 class Series:
     """A series in time; equal ones are one object.
 
-    kind  : var, sum, product, quotient, D (time derivative), sign, guard (no number where two have not the same sign,
-            else as good as 0) or the name of a function.
+    kind  : var, sum, product, quotient, D (time derivative), sign or the name of a function.
     parts : series it is made of. weights : of a sum, (constant, ...) beside its parts, and last the constant term.
     of_size : of a logarithm: of the size of its part, which may be negative.
     index : of a variable; of an operation that leads from one space of arrays to another its value.
@@ -42,7 +41,7 @@ class Series:
 Monomial = tuple[tuple[Series, int], ...]  # factors and exponents, in the order of their first appearance
 Linear = dict[Monomial, Symbol]  # a sum of constants times monomials; () is the constant term
 ONE, ZERO = trace.const(1.0), trace.const(0.0)
-STANDING = 1e-300  # beside a size: the sign of 0 is 0; of a root, which shows only where it is no number
+STANDING = 1e-300  # beside a size: the sign of 0 is 0
 
 
 class Normal:
@@ -127,31 +126,24 @@ class Normal:
         return {((self.series(name, (self.single(form),)), 1),): ONE}
 
     def _logarithm(self, key: Monomial, weight: Symbol) -> Linear:
-        """log(weight x^a y^b ...) as log weight + a log|x| + ..., but for what has to be positive together: of two that
-        alone is looked at."""
+        """log(weight x^a y^b ...) as log weight + a log|x| + ..., but for what has to be positive together."""
         powers = dict(key)
         odd = [x for x, power in key if power % 2 and x.kind != "exp"]
         negative = weight.op == "neg" or (weight.op == "const" and weight.value < 0.0)
-        two = len(odd) == 2 and not negative
-        if odd and not two and (negative or len(odd) > 1):
+        if odd and (negative or len(odd) > 1):
             together = self.single({tuple((x, 1) for x in odd): trace.const(-1.0 if negative else 1.0)})
             weight = trace.neg(weight) if negative else weight
             powers = {x: power - (x in odd) for x, power in powers.items() if power != 1 or x not in odd}
             powers[together] = 1
         result: Linear = {} if trace.is_const(weight, 1.0) else {(): weight.log()}
         for x, power in powers.items():
-            of_size = power % 2 == 0 or (two and x in odd)
-            part = self.form_of[id(x)] if x.kind == "exp" else {((self._log(x, of_size), 1),): ONE}
+            part = self.form_of[id(x)] if x.kind == "exp" else {((self._log(x, power % 2 == 0), 1),): ONE}
             result = combined(result, part, trace.const(float(power)))
-        return combined(result, self.still("guard", *odd), ONE) if two else result
+        return result
 
     def sign(self, form: Linear) -> Linear:
         """Of a sum: constant in a step."""
-        return self.still("sign", self.single(form))
-
-    def still(self, kind: str, *parts: Series) -> Linear:
-        """Of what they are at the start of a step."""
-        found = self.series(kind, parts)
+        found = self.series("sign", (self.single(form),))
         found.constant = True
         return {((found, 1),): ONE}
 
