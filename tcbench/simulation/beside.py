@@ -69,7 +69,9 @@ def distance(run: Trajectory) -> NDArray[np.float64]:
     """
     exact, least = _exact(run.scenario, min(HORIZON, run.scenario.t_end)), run.scenario.model.least_each
     found = np.full(len(run.t), math.nan)
-    for k in np.flatnonzero(run.t <= exact.end * (1 + 1e-12)) if exact is not None else ():
+    if exact is None:
+        return found
+    for k in np.flatnonzero(run.t <= exact.end * (1 + 1e-12)):
         there = exact(min(float(run.t[k]), exact.end))
         found[k] = np.max(np.abs(run.z[k] - there) / np.maximum(least, np.abs(there)))
     return found
