@@ -86,11 +86,8 @@ def test_options_come_through_a_pipe_and_what_is_none_is_said(tmp_path):
     out, into = os.pipe()
     os.write(into, b"dt = 0.5\nnonsense = 1")
     os.close(into)
-    (tmp_path / "deep.toml").write_text("x = " + "[" * 3000)
-    for path, told in ((f"/dev/fd/{out}", "called 'nonsense'"), ("/dev/zero", "longer than"),
-                       (tmp_path / "deep.toml", "nested too deeply")):  # fmt: skip
-        found = CliRunner().invoke(main, ["run", "--config", str(path)])
-        assert found.exit_code == 2 and told in found.output and "Traceback" not in found.output
+    found = CliRunner().invoke(main, ["run", "--config", f"/dev/fd/{out}"])
+    assert found.exit_code == 2 and "called 'nonsense'" in found.output and "Traceback" not in found.output
 
 
 def test_counts_that_are_none_and_a_table_of_methods_are_named():

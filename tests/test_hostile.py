@@ -45,23 +45,18 @@ def test_what_is_published_is_of_the_run_and_written_by_tcbench(folder, tmp_path
     secret = tmp_path / "secret.py"
     secret.write_text("password = 1")
     (folder / "report.html").write_text("<script>alert(1)</script>")
-    (folder / "sources").mkdir()
-    (folder / "sources" / "mine.py").write_text("x = 1")
-    (folder / "sources" / "page.html").write_text("<script>alert(1)</script>")
-    (folder / "sources" / "link.py").symlink_to(secret)
-    (folder / "sources" / "all").symlink_to(tmp_path)
+    (folder / "tables" / "link.csv").symlink_to(secret)
     (folder / "tables" / "evil.svg").write_text("<svg/>")
     os.utime(folder / "report.html", (2**31, 2**31))
     publish([folder], tmp_path / "site")
     place = tmp_path / "site" / "run"
-    assert [p.name for p in (place / "sources").rglob("*")] == ["mine.py"]
     assert {p.suffix for p in (place / "tables").iterdir()} <= {".csv", ".parquet"}
+    assert (place / "tables" / "conservation.csv").exists() and not (place / "tables" / "link.csv").exists()
     assert "alert(1)" not in (place / "index.html").read_text("utf-8")
-    (folder / "sources" / "mine.py").unlink()
-    shutil.rmtree(folder / "sources")
-    (folder / "sources").symlink_to(tmp_path)
+    shutil.rmtree(folder / "tables")
+    (folder / "tables").symlink_to(BASELINE / "tables")
     publish([folder], tmp_path / "site")
-    assert not (place / "sources").exists()
+    assert list((place / "tables").iterdir()) == []
 
 
 def test_a_page_runs_its_own_scripts_and_no_others(folder):

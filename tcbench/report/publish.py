@@ -16,8 +16,7 @@ from ..runner.rows import Store
 from .together import machine
 from .write_report import templates, write_report
 
-# Trees of a run, and the files of them that are copied: data and sources, nothing that a browser would run.
-TREES = {"tables": (".csv", ".parquet"), "sources": (".py", ".toml", ".txt", ".csv", ".json", ".npy", ".npz")}
+COPIED = (".csv", ".parquet")  # of a run's tables; nothing that a browser would run
 INDEX, TOGETHER = "index.html", "together.html"
 
 
@@ -63,13 +62,11 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
     place = output / name
     place.mkdir(parents=True, exist_ok=True)
     write_report(run, page=place / INDEX)  # anew: whose scripts the page in the folder has nobody knows
-    for tree, suffixes in TREES.items():
-        shutil.rmtree(place / tree, ignore_errors=True)
-        for found in (run / tree).rglob("*") if not (run / tree).is_symlink() else ():
-            inside = found.relative_to(run)  # hidden files stay, and links: one may lead out of the run
-            if _is_own(found) and found.suffix.lower() in suffixes and not any(p.startswith(".") for p in inside.parts):
-                (place / inside).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(found, place / inside)
+    shutil.rmtree(place / "tables", ignore_errors=True)
+    (place / "tables").mkdir()
+    for found in (run / "tables").glob("[!.]*") if not (run / "tables").is_symlink() else ():
+        if found.suffix.lower() in COPIED and found.is_file() and not found.is_symlink():  # which may lead out of it
+            shutil.copyfile(found, place / "tables" / found.name)
     (place / "declared.json").write_text(json.dumps(declared, indent=2, sort_keys=True), encoding="utf-8")
     (place / "manifest.json").write_text(json.dumps(manifest, indent=2, sort_keys=True), encoding="utf-8")
     git: dict[str, Any] = manifest.get("git") or {}
@@ -78,10 +75,5 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
         "machine": machine(manifest, "system") or "machine not known", "python": manifest.get("python", ""),
         "commit": str(git.get("commit") or "")[:10], "unfinished": manifest.get("interrupted"),
         "integrators": len(declared.get("integrators", {})), "scenarios": len(declared.get("scenarios", {})),
-        "tables": sorted(p.stem for p in (place / "tables").glob("*.csv")), "sources": (place / "sources").is_dir(),
+        "tables": sorted(p.stem for p in (place / "tables").glob("*.csv")),
     }  # fmt: skip
-
-
-def _is_own(path: Path) -> bool:
-    """Whether it is a file of the run, not a link."""
-    return path.is_file() and not path.is_symlink()

@@ -54,9 +54,8 @@ SHARED = (
     # where a row comes from: how, where and when its cell ran
     *(_origin(n, compared=True) for n in ("scenario_hash", "study", "exception_type")),
     *(_origin(n) for n in ("plugin", "tcbench_version", "wall_time_s")),
-    *(_origin(n) for n in ("inputs", "measured_by", "scenario_fields", "made_by", "uses")),
-    *(_origin(n) for n in ("source_hash", "cell_time_s", "shared_runs", "timed", "key", "failure", "metric_failure")),
-    *(_origin(n) for n in ("fingerprint", "output_tail", "traceback", "traceback_tail", "exception_message")),
+    *(_origin(n) for n in ("inputs", "made_by", "uses", "cell_time_s", "shared_runs", "timed", "key", "failure")),
+    *(_origin(n) for n in ("metric_failure", "output_tail", "traceback_tail", "exception_message")),
     *(_origin(n) for n in ("worker_host_cpu", "machine", "shuffle_order", "shuffle_seed", "of_the_machine")),
     *(_origin(n) for n in ("series", "opening")),
 )  # fmt: skip
