@@ -63,11 +63,13 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def tabulate(records: Sequence[Row]) -> Tables:
     """One row a claim. A group that could not be measured keeps one row, with the reason and no verdict."""
+    return {"claims": table_of(spread(records, "findings", "failure", failed=not_measured), CLAIMS, by=())}
 
-    def failed(record: Mapping[str, Any]) -> Row:
-        return {"claim": f"{record['group']}: not measured", "verdict": "", "why": record.get("failure", "")}
 
-    return {"claims": table_of(spread(records, "findings", "failure", failed=failed), CLAIMS, by=())}
+def not_measured(record: Mapping[str, Any]) -> Row:
+    """The row of a cell without findings."""
+    what = f"{record['group']}: not measured" if "group" in record else "not measured"
+    return {"claim": what, "verdict": "", "why": record.get("failure", "")}
 
 
 STUDY = Study(

@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ..study import Row
 from ..table import Column, Table
 
@@ -62,7 +64,7 @@ def reach(points: Sequence[Row], measure: str, target: float, cost: str = "wall_
     """Least time, or other cost, to an error of `target`: of the rungs at or below it, or between two neighbours by a
     straight line in logarithms. An error hidden by the reference's own counts as what hides it."""
     found = []
-    known = [(reached_error(p, measure), _number(p.get(cost))) for p in points if p.get("status") == "ok"]
+    known = [(reached_error(p, measure), as_float(p.get(cost))) for p in points if p.get("status") == "ok"]
     known = [(e, t) for e, t in known if _is_number(e) and _is_number(t)]
     for e, t in known:
         if e <= target:
@@ -81,12 +83,12 @@ def reached_error(point: Row, measure: str) -> float:
         return math.inf
     error = point.get(measure)
     if measure == "error" and point.get("reference_limited"):
-        floor = _number(point.get(FLOOR))
+        floor = as_float(point.get(FLOOR))
         error = HIDES * floor if math.isfinite(floor) else 0.0
     return float(error) if error is not None and math.isfinite(error) else math.inf
 
 
-def _number(value: Any) -> float:
+def as_float(value: Any) -> float:
     return math.nan if value is None else float(value)
 
 
@@ -104,9 +106,5 @@ def _least(times: dict[str, float]) -> tuple[str, float]:
 
 def exponent(pairs: Sequence[tuple[float, float]]) -> float:
     """a of time ~ work^a by least squares in logarithms; NaN of fewer than three."""
-    used = [(math.log(w), math.log(t)) for w, t in pairs if w > 0 and _is_number(t) and t > 0]
-    if len({w for w, _ in used}) < 3:
-        return math.nan
-    mean_w, mean_t = (math.fsum(x) / len(used) for x in zip(*used, strict=True))
-    spread = math.fsum((w - mean_w) ** 2 for w, _ in used)
-    return math.fsum((w - mean_w) * (t - mean_t) for w, t in used) / spread
+    used = [(w, t) for w, t in pairs if w > 0 and _is_number(t) and t > 0]
+    return float(np.polyfit(*np.log(used).T, 1)[0]) if len({w for w, _ in used}) > 2 else math.nan

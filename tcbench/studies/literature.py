@@ -24,6 +24,7 @@ from ..simulation.trajectory import Trajectory
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
+from .claims import not_measured
 from .frames import spread, table_of
 
 AUTHORS, ADDED = "Shang and Ottinger (2020)", "tcbench"
@@ -140,11 +141,7 @@ def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
 
 def tabulate(records: Sequence[Row]) -> Tables:
     """`literature`: one row a statement, by whom; `literature_errors`: the errors at every step."""
-
-    def failed(record: Mapping[str, Any]) -> Row:
-        return {"claim": "not measured", "verdict": "", "why": record.get("failure", "")}
-
-    claims = spread(records, "findings", "points", "failure", failed=failed)
+    claims = spread(records, "findings", "points", "failure", failed=not_measured)
     for row in claims:
         row["stated_by"] = stated = row.get("section", "")
         row["section"] = "abstract, section 4" * (stated == AUTHORS)

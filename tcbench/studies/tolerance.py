@@ -17,7 +17,7 @@ from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
-from .cost import FLOOR, HIDES, reached_error
+from .cost import FLOOR, HIDES, as_float, reached_error
 from .frames import spread, table_of
 from .work_precision import errors_of, horizon, ladder
 
@@ -57,7 +57,7 @@ def bought(records: Sequence[Row]) -> list[Row]:
         points = [{FLOOR: r.get(FLOOR)} | p for p in r.get("points") or []]  # coarse to fine
         if r.get("control") == "rtol":
             known = {p["value"]: p.get("error") for p in points if p.get("status") == "ok"}
-            near = {t: next((_number(e) for v, e in known.items() if math.isclose(v, t)), math.nan)
+            near = {t: next((as_float(e) for v, e in known.items() if math.isclose(v, t)), math.nan)
                     for t in TOLERANCES_BOUGHT}  # fmt: skip
             row |= {f"over_{t:.0e}".replace("-0", "-"): e / t for t, e in near.items()}
         elif points and r.get("control") == "dt":
@@ -73,16 +73,12 @@ def _one_percent(points: Sequence[Row]) -> Row:
         good -= 1
     if good == len(points):  # not even the finest
         return {"dt_1_percent": math.nan, "steps_1_percent": math.nan}
-    row = {"dt_1_percent": float(points[good]["value"]), "steps_1_percent": _number(points[good].get("steps"))}
+    row = {"dt_1_percent": float(points[good]["value"]), "steps_1_percent": as_float(points[good].get("steps"))}
     if good and math.isfinite(errors[good - 1]) and errors[good] > 0:  # between two rungs
         share = math.log(ONE_PERCENT / errors[good]) / math.log(errors[good - 1] / errors[good])
         longer = (points[good - 1]["value"] / points[good]["value"]) ** share
         row = {"dt_1_percent": row["dt_1_percent"] * longer, "steps_1_percent": row["steps_1_percent"] / longer}
     return row
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
 
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
