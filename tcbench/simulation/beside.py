@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,18 +63,19 @@ def beside_the_exact(run: Trajectory) -> dict[str, float]:
     return found
 
 
-def distance(run: Trajectory) -> NDArray[np.float64]:
-    """How far each recorded state is from the exact course: max |z_i - exact_i| / max(least size, |exact_i|).
+def distance(run: Trajectory, keep: Any = slice(None)) -> NDArray[np.float64]:
+    """How far the recorded states `keep` are from the exact course: max |z_i - exact_i| / max(least size, |exact_i|).
 
-    Shape (m,), dimensionless; NaN beyond HORIZON and where there is no such course, whose own error is some 1e-8.
+    Shape (kept,), dimensionless; NaN beyond HORIZON and where there is no such course, whose own error is some 1e-8.
     """
     exact, least = _exact(run.scenario, min(HORIZON, run.scenario.t_end)), run.scenario.model.least_each
-    found = np.full(len(run.t), math.nan)
+    t, z = run.t[keep], run.z[keep]
+    found = np.full(len(t), math.nan)
     if exact is None:
         return found
-    for k in np.flatnonzero(run.t <= exact.end * (1 + 1e-12)):
-        there = exact(min(float(run.t[k]), exact.end))
-        found[k] = np.max(np.abs(run.z[k] - there) / np.maximum(least, np.abs(there)))
+    for k in np.flatnonzero(t <= exact.end * (1 + 1e-12)):
+        there = exact(min(float(t[k]), exact.end))
+        found[k] = np.max(np.abs(z[k] - there) / np.maximum(least, np.abs(there)))
     return found
 
 

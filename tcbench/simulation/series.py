@@ -22,7 +22,7 @@ POINTS = 180  # states that a row keeps
 DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # of what a row keeps: states, losses of laws, distance from the exact motion
 LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
 RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
-ENDS = {"low": np.min, "mean": np.mean, "high": np.max}  # of temperatures, where there are more than letters
+ENDS: dict[str, Any] = {"low": np.min, "mean": np.mean, "high": np.max}  # of temperatures, where there are more than letters
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
 
 
@@ -65,7 +65,7 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[floa
     last = len(run.t) - 1
     keep = np.unique([*range(0, last, stride), last])
     found = {"series": _rounded(columns(run, keep))}
-    if np.isfinite(far := distance(run)[keep]).any():
+    if np.isfinite(far := distance(run, keep)).any():
         found["series"]["exact_error"] = [float(f"{v:.{DIGITS_FAR}g}") for v in far]
     if stride > 1:
         opening = columns(run, slice(points + 1))

@@ -107,4 +107,7 @@ def _least(times: dict[str, float]) -> tuple[str, float]:
 def exponent(pairs: Sequence[tuple[float, float]]) -> float:
     """a of time ~ work^a by least squares in logarithms; NaN of fewer than three."""
     used = [(w, t) for w, t in pairs if w > 0 and _is_number(t) and t > 0]
-    return float(np.polyfit(*np.log(used).T, 1)[0]) if len({w for w, _ in used}) > 2 else math.nan
+    if len({w for w, _ in used}) < 3:
+        return math.nan
+    work, time = np.log(used).T
+    return float(np.polyfit(work, time, 1)[0])
