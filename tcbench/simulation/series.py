@@ -22,7 +22,7 @@ POINTS = 180  # states that a row keeps
 DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # of what a row keeps: states, losses of laws, distance from the exact motion
 LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
 RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
-ENDS: dict[str, Any] = {"low": np.min, "mean": np.mean, "high": np.max}  # of temperatures, where there are more than letters
+ENDS: dict[str, Any] = {"low": np.min, "mean": np.mean, "high": np.max}  # of more temperatures than letters
 ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
 
 
