@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from tcbench import System
 from tcbench.compiler.language import rare
 
 from .memory import LAST, Work
@@ -43,16 +42,6 @@ def fields(order: int) -> dict[str, Any]:
     """Those of a record, for series of this order."""
     reach, factors, misses = DAMPED.get(order, (0.0, (1.0,) * LAST, (0.0,) * (LAST - 1)))
     return {"reach": reach, "factors": np.array(factors), "misses": np.array([1.0 - factors[0], *misses])}
-
-
-def sizes(system: System) -> dict[str, Any]:
-    """By which numbers are measured, as `texts.squared_size` does it: those of a record."""
-    least, share = np.square(system.least_each), np.ones(system.size)
-    if system.defines("element_energy"):
-        n = system.n_positions
-        least[:n], least[n : 2 * n], least[2 * n :] = np.inf, np.square(system.inertia() * system.least_speed), 0.0
-        share[: 2 * n], share[2 * n :] = 0.0, np.square(system.least[2] / system.entropy_scale())
-    return {"least": least, "share": share}
 
 
 def lengthened(w: Work, h: float, tolerance: float) -> float:
@@ -85,7 +74,7 @@ def decay(w: Work) -> float:
     product, before, square = 0.0, 0.0, 0.0
     for i in range(n):
         a, b, y = w.coefficients[last - n + i], w.coefficients[last + i], w.coefficients[i]
-        weight = 1.0 / (w.least[i] + w.share[i] * y * y)
+        weight = 1.0 / (w.least[i] + y * y)
         product += weight * a * b
         before += weight * a * a
         square += weight * b * b
@@ -110,7 +99,7 @@ def missed(w: Work, h: float) -> float:
         e = m0 * w.coefficients[i] + m1 * w.coefficients[i + n]
         e += m2 * w.coefficients[i + 2 * n] + m3 * w.coefficients[i + 3 * n]
         y = w.coefficients[i - first]
-        total += e * e / (w.least[i - first] + w.share[i - first] * y * y)
+        total += e * e / (w.least[i - first] + y * y)
     return total * power * power
 
 

@@ -35,7 +35,7 @@ def agree(w: Work, rates: Floats, first: int, h: float, tolerance: float) -> boo
     slopes, good = w.size + BESIDE, True
     for i in range(w.size):
         y, miss = w.end[i], w.end[slopes + i] - rates[first + i]
-        good = good and miss * miss <= limit * (w.least[i] + w.share[i] * y * y)
+        good = good and miss * miss <= limit * (w.least[i] + y * y)
     return good
 
 
@@ -83,7 +83,7 @@ def is_witness(w: Work, h: float) -> bool:
             return True
     for i in range(w.size):
         y, a, b = w.coefficients[i], w.coefficients[first + i], w.coefficients[first + w.size + i]
-        earlier += (a * a + square * b * b) / (w.least[i] + w.share[i] * y * y)
+        earlier += (a * a + square * b * b) / (w.least[i] + y * y)
     later = square * square * (before + last)
     return later < FALL * FALL * earlier and later > LEAST_FALL**4 * earlier
 

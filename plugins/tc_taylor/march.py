@@ -87,7 +87,7 @@ def is_near(w: Work, tolerance: float) -> bool:
     good = True
     for i in range(w.size):
         y, move = w.end[i], w.mended[i] - w.end[i]
-        good = good and move * move <= limit * limit * (w.least[i] + w.share[i] * y * y)
+        good = good and move * move <= limit * limit * (w.least[i] + y * y)
     return good
 
 
@@ -110,7 +110,7 @@ def rough_length(w: Work, goal: int) -> float:
         largest = 0.0
         for i in range(w.size):
             y = w.coefficients[i]
-            size = abs(w.coefficients[k * w.size + i]) / math.sqrt(w.least[i] + w.share[i] * y * y)
+            size = abs(w.coefficients[k * w.size + i]) / math.sqrt(w.least[i] + y * y)
             if not size < math.inf:
                 return 0.0
             largest = max(largest, size)

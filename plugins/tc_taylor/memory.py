@@ -76,8 +76,7 @@ class Work(Record):
     reach: float  # of a damped step, over the time of the fastest decay; 0: none
     factors: Floats = sized("LAST")  # of the last coefficients in it: see damping.py
     misses: Floats = sized("LAST")
-    least: Floats = sized("size")  # the square of the size of a number y: this and the share of y^2
-    share: Floats = sized("size")
+    least: Floats = sized("size")  # the square of the size of a number y: this and y^2
     given: Floats = sized("n_given")  # the system's constants, and what depends on them only
     coefficients: Floats = sized("(order + 1) * (size + n_kinks) + 2")
     length: Floats = sized("1")

@@ -103,7 +103,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
         to_series=series.address, to_state=polynomial.address, to_end=slopes.address, to_rates=rates.address,
         to_mend=mend.address, to_hold=hold.address,
         to_z=to_z.address, to_y=to_y.address, rows=1,
-        counts=Counts(), trials=Trials(), course=Course(), **damping.sizes(system),
+        counts=Counts(), trials=Trials(), course=Course(), least=np.square(system.least_each),
         **damping.fields(order if order <= MOST_ORDER or not elements else 0),
     )  # fmt: skip
     return LOOPS, work, series_time

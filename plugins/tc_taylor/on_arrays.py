@@ -104,11 +104,8 @@ def rates_kernel(net: Any) -> ArrayKernel:
 
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:
     """As `texts.squared_size`."""
-    if not net.defines("element_energy"):
-        least = net.least_of(y)
-        return trace.lifted((found * found / (least * least + y * y)).sum())
-    moved, warmed = found.p / net.inertia() / net.least_speed, found.s * net.entropy_scale() / net.least[2] / y.s
-    return trace.lifted((moved * moved).sum() + (warmed * warmed).sum())
+    least = net.least_of(y)
+    return trace.lifted((found * found / (least * least + y * y)).sum())
 
 
 def polynomial_kernel(order: int, size: int) -> Kernel:

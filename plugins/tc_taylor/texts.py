@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
-import numpy as np
-
 from tcbench import System
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.derivatives import Symbol
 from tcbench.compiler.kernels import Kernel, of_lines
 
-from .lanes import WIDTH, Pack, kinks
+from .lanes import WIDTH, kinks
 from .rates import rates
 from .series import Series
 from .writer import Writer
@@ -62,40 +57,19 @@ def time_of(writer: Writer) -> float:
 
 
 def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
-    """Of coefficient k: the sum of its squares over least^2 + y^2; of elements those of velocities and
-    c0 theta/theta_0, over least ones (`System.least`)."""
+    """Of coefficient k: the sum of its squares over least^2 + y^2."""
+    sym = system.symbolic
+    least = [x * x for x in entries(sym.least_of(sym.state(trace.variables("y", system.size))))]
     squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
-    for pack, weights, whole in weighted(writer, system, variables):
-        if value := writer.value(pack, k):
-            weighed = writer.name(f"{value} * {weights}")
-            squares.setdefault(len(pack), []).append((weighed, value if whole else weighed))
+    for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
+        y, value = writer.value(pack, 0), writer.value(pack, k)
+        weight = writer.name(f"1.0 / ({writer.weights([least[x.index] for x in pack])} + {y} * {y})")
+        if value:
+            squares.setdefault(len(pack), []).append((writer.name(f"{value} * {weight}"), value))
     sums = [writer.lane(str(writer.sum_of(x)), width, lane) for width, x in squares.items() for lane in range(width)]
     while len(sums) > 1:
         sums = [writer.name(" + ".join(sums[i : i + 2])) for i in range(0, len(sums), 2)]
     return sums[0] if sums else "0.0"
-
-
-def weighted(writer: Writer, system: System, variables: list[Series]) -> Iterator[tuple[Pack, str, bool]]:
-    """The variables whose coefficients are measured, as packs; weights of the coefficients, or (True) of squares."""
-    sym, size = system.symbolic, system.size
-    if not system.defines("element_energy"):
-        squares = [x * x for x in entries(sym.least_of(sym.state(trace.variables("y", size))))]
-        for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
-            y = writer.value(pack, 0)
-            least = writer.weights([squares[x.index] for x in pack])
-            yield pack, writer.name(f"1.0 / ({least} + {y} * {y})"), True
-        return
-    n = system.n_positions
-    speed, s = trace.reciprocal(sym.least_speed), trace.reciprocal(sym.least[2])
-    scale = [trace.reciprocal(m) * speed for m in spread(sym.inertia(), n)]
-    scale += [x * s for x in spread(sym.entropy_scale(), system.n_elements)]
-    for begin, end in ((n, 2 * n), (2 * n, size)):
-        for i in range(begin, end, WIDTH):
-            pack = tuple(variables[i : min(i + WIDTH, end)])
-            weights = writer.weights(scale[i - n : i - n + len(pack)])
-            if begin == 2 * n:
-                weights = writer.name(f"{weights} / {writer.value(pack, 0)}")
-            yield pack, weights, False
 
 
 def stores(writer: Writer, variables: list[Series], k: int) -> list[str]:
@@ -148,10 +122,3 @@ def stored_sum(texts: list[str], name: int, at: int, count: int) -> list[str]:
         pairs = [f"({low} + {high} * h{power})" for low, high in zip(texts[::2], texts[1::2], strict=False)]
         texts, power = pairs + texts[len(pairs) * 2 :], 2 * power
     return [f"t{name} = {texts[0]}", f"put(out, {at}, t{name})" if count > 1 else f"out[{at}] = t{name}"]
-
-
-def spread(value: Any, count: int) -> list[Symbol]:
-    """A number, a symbol or an array of them, as so many symbols."""
-    return [
-        x if isinstance(x, Symbol) else trace.const(float(x)) for x in np.asarray(value, dtype=object) * np.ones(count)
-    ]

@@ -57,8 +57,7 @@ def exergy_at(model: System, z0: Floats) -> float:
 
 
 def measured(model: System, z0: Floats | None, horizon: float = math.inf) -> tuple[Floats, Floats]:
-    """Of each variable, of energy, entropy and, of elements, speeds; and of energy, entropy and each invariant. 1 where
-    no start is known."""
+    """Of each variable, of energy and entropy; and of energy, entropy and each invariant. 1 where no start is known."""
     count, n_laws = len(model.variables), 2 + len(model.invariant_names)
     if z0 is None:
         return np.ones(count + OF_LAWS), np.ones(n_laws)
@@ -78,9 +77,8 @@ def measured(model: System, z0: Floats | None, horizon: float = math.inf) -> tup
     laws[E] = energy
     cancelled = np.abs(values) < CANCELLED * laws
     laws = np.where((laws < [FEW] + [SMALL] * (n_laws - 1)) | cancelled, laws, 1.0)
-    speed = (at_hand or energy) / far[1] if model.defines("element_energy") and far[1] > 0.0 else 1.0
     laws = _power_of_two(laws, FEW)
-    return fixed(np.concatenate([_power_of_two(far), laws[:2], _power_of_two(np.array([speed]))])), fixed(laws)
+    return fixed(np.concatenate([_power_of_two(far), laws[:2]])), fixed(laws)
 
 
 def _at_hand(model: System, z0: Floats, far: Floats) -> float:

@@ -36,26 +36,21 @@ class LeastSizes(OverSpaces):
     @property
     def least_energy(self) -> Any:
         """By what energies are measured at least."""
-        return self.least[-3]
+        return self.least[-2]
 
     @property
     def least_entropy(self) -> Any:
         """By what entropies are measured at least."""
-        return self.least[-2]
-
-    @property
-    def least_speed(self) -> Any:
-        """Of elements: that of their velocities."""
         return self.least[-1]
 
     @cached_property
     def least(self) -> Any:
-        """By what each variable, energy, entropy and speeds are measured at least; see systems/least.py."""
+        """By what each variable, energy and entropy are measured at least; see systems/least.py."""
         return self.least_sizes[0]
 
     @cached_property
     def least_sizes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The same, shape (n_variables + 3,), and those of energy, entropy and invariants, shape (2 + n_invariants,); 1
+        """The same, shape (n_variables + 2,), and those of energy, entropy and invariants, shape (2 + n_invariants,); 1
         for all where no run is known to begin."""
         return measured(cast("System", self), self.begins, self.horizon)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
-OF_LAWS = 3  # of `System.least` the last ones: of energy, entropy and speeds
+OF_LAWS = 2  # of `System.least` the last ones: of energy and entropy
 FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
 MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
 # what takes a state in any thermal variable
