@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.kernels import kernel
+from tcbench.compiler.kernels import Kernel, kernel
 from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels
@@ -87,22 +87,17 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     from .memory import Counts, Course, Trials, Work
 
     c, elements = system.constant_values, system.defines("element_energy")
-    if is_long(system):
-        *made, series_time = kernels(system.by_arrays, order)
-        series, _, rates, mend, hold, _, start, to_z, to_y = (k and k.kernel(system.mesh) for k in made)
-        polynomial, given = on_arrays.polynomial_kernel(order, system.size), c
-        slopes = on_arrays.slopes_kernel(order, system.size)
-    else:
-        series, polynomial, rates, mend, hold, setup, start, to_z, to_y, series_time = kernels(system.symbolic, order)
-        slopes = slopes_kernel(order, system.size)
-        given = np.concatenate([c, setup(c, c)])
-    n_kinks = (series.size - 2) // (order + 1) - system.size
+    made, setup, series_time = kernels(system.by_arrays if is_long(system) else system.symbolic, order)
+    if setup is None:
+        made = {name: x.kernel(system.mesh) for name, x in made.items()}
+        made["to_state"] = on_arrays.polynomial_kernel(order, system.size)
+        made["to_end"] = on_arrays.slopes_kernel(order, system.size)
+    given = np.concatenate([c, setup(c, c)]) if setup else c
+    n_kinks = (made["to_series"].size - 2) // (order + 1) - system.size
     work = Work(
         size=system.size, order=order, n_kinks=n_kinks, n_given=len(given), given=given, tolerance=0.0, few=0.0,
-        to_start=start.address, n_target=start.size, seldom=SELDOM,
-        to_series=series.address, to_state=polynomial.address, to_end=slopes.address, to_rates=rates.address,
-        to_mend=mend.address, to_hold=hold.address,
-        to_z=to_z.address, to_y=to_y.address, rows=1,
+        n_target=made["to_start"].size, seldom=SELDOM, rows=1,
+        **{name: x.address for name, x in made.items()},
         counts=Counts(), trials=Trials(), course=Course(), least=np.square(system.least_each),
         **damping.fields(order if order <= MOST_ORDER or not elements else 0),
     )  # fmt: skip
@@ -110,20 +105,21 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
 
 
 @once
-def kernels(system: System, order: int) -> tuple[Any, ...]:
-    """(series, polynomial, rates, mend, hold, setup, start, to z, from z, time of the series) of all systems of one
-    structure, by `System.symbolic`; of one kind, by `by_arrays`, without polynomial, setup and time."""
+def kernels(system: System, order: int) -> tuple[dict[str, Any], Kernel | None, float]:
+    """Kernels by their names in `memory.Work`, setup and time of the series of all systems of one structure, by
+    `System.symbolic`; of one kind, by `by_arrays`, without polynomials, setup and time."""
     elements = system.defines("element_energy")
     with trace.tracing():
         start, mend, hold, fixed = mending_kernels(system)
         y = system.unknowns("y")
         to_z = system.compiled([y], [system.entropy_variables(y) if elements else y])
         to_y = system.compiled([y], [system.temperature_variables(y) if elements else y])
+        made = {"to_start": start, "to_mend": mend, "to_hold": hold, "to_z": to_z, "to_y": to_y}
         if system.by_array:
-            series = on_arrays.series_kernel(system, order)
-            return series, None, on_arrays.rates_kernel(system), mend, hold, None, start, to_z, to_y, 0.0
-        series, polynomial, rates, more, series_time = series_kernels(
-            system, order, system.n_constant_values + len(fixed)
-        )
-        setup = kernel(system.constant_symbols(), [*fixed, *more])
-    return series, polynomial, rates, mend, hold, setup, start, to_z, to_y, series_time
+            series, rates = on_arrays.series_kernel(system, order), on_arrays.rates_kernel(system)
+            return made | {"to_series": series, "to_rates": rates}, None, 0.0
+        first = system.n_constant_values + len(fixed)
+        series, polynomial, rates, more, series_time = series_kernels(system, order, first)
+        made |= {"to_series": series, "to_state": polynomial, "to_rates": rates}
+        made["to_end"] = slopes_kernel(order, system.size)
+        return made, kernel(system.constant_symbols(), [*fixed, *more]), series_time

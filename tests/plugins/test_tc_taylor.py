@@ -125,7 +125,8 @@ def test_the_logarithm_of_a_product_of_different_signs_is_no_number():
 def test_the_series_starts_with_the_rates_and_solves_the_equations(name):
     scenario = tcbench.scenarios()[name]
     method = TaylorMethod(scenario.model, 12)
-    series, polynomial, *_ = kernels(scenario.model.symbolic, 12)
+    made, *_ = kernels(scenario.model.symbolic, 12)
+    series, polynomial = made["to_series"], made["to_state"]
     y = np.asarray(scenario.model.temperature_variables(scenario.z0))
     coefficients = series(y, method.work.given)
     table = coefficients[:-2].reshape(13, -1)
