@@ -21,6 +21,7 @@ from tcbench.plugins import find_integrator
 
 from .tc_gauss import tc_gauss
 from .tc_gauss.formulas import kink_blocks, kinks_of
+from .tc_gauss.march import CLOSER, UNSEEN, turn
 from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
@@ -28,7 +29,7 @@ SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
 ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
 UNEVEN, ALIKE = 0.375, 32.0  # the first of two other parts, and round-offs by which these may differ from the halves
 LEAST_SHARE = 1e-3  # of the tolerance: what a step may miss, however short it is, where rates have kinks
-MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
+MOST_TURNS = 60  # steps in a row that meet a kink, before a run is given up: it sticks in one, or slides along it
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
 
 
@@ -73,14 +74,32 @@ def kinks_kernel(symbolic: Any):
         return array_kernel(into, [*kink_blocks(found), *symbolic.blocks(rates)])
 
 
-def turn(before: Any, after: Any, h: float) -> bool:
-    """Does any of them change its sign in this time, or may it there and back, as its slopes have it?"""
-    (u, down, _), (v, up, _) = before, after
-    way = np.where(u > 0.0, 1.0, -1.0)
-    down, up = way * down, way * up
-    bowl = (down < 0.0) & (up > 0.0)
-    lowest = way * u + down * (way * (v - u) - up * h) / np.where(bowl, down - up, 1.0)  # where tangents meet
-    return bool((((u * v <= 0.0) & (u != v)) | (bowl & (lowest < 0.0))).any())
+def turns(before: Any, after: Any, h: float) -> list[float]:
+    """The parts of a time h after which a number that rates have a kink in changes its sign, or may: `march.turn`."""
+    return [s for s in map(turn, before[0], after[0], h * before[1], h * after[1]) if s >= 0.0]
+
+
+def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
+    """What the rates may jump by where this step meets a kink, times its length: the largest for each component; None:
+    it meets none. Both ends of the step, and the method's nodes, may lie outside of a narrow window: so the rates at
+    the kink itself are compared with the slope of the cubic from end to end, as in `tc_gauss.march.jump_between`."""
+    d, p, q = z1 - z, h * before[2], h * after[2]
+    second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
+    gaps = [np.abs(q - p)]
+    for i, s in enumerate(map(turn, before[0], after[0], h * before[1], h * after[1])):
+        left, right, looks = (0.0, before), (1.0, after), 0
+        while s >= 0.0 and looks < CLOSER:
+            if s == UNSEEN:
+                return np.full_like(z, np.inf)
+            x = left[0] + s * (right[0] - left[0])
+            middle = x, kinks(z + x * (p + x * (second + x * third)))
+            gaps.append(np.abs(h * middle[1][2] - (p + x * (2.0 * second + 3.0 * x * third))))
+            u, m, v = (end[1][0][i] for end in (left, middle, right))
+            looks = looks + 1 if u * v > 0.0 and u * m > 0.0 else CLOSER
+            left, right = (middle, right) if u * middle[1][1][i] < 0.0 else (left, middle)
+            part = h * (right[0] - left[0])
+            s = turn(left[1][0][i], right[1][0][i], part * left[1][1][i], part * right[1][1][i])
+    return np.max(gaps, axis=0) if len(gaps) > 1 else None
 
 
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
@@ -104,15 +123,15 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 why = "they err by more than the tolerance"
                 share = tried if kinks is None else max(tried, LEAST_SHARE * whole)  # behind a kink steps begin short
                 error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / share
-                kink = False
+                jumps = None
                 if kinks is not None:
                     first, middle, last = map(kinks, (z, half, twice))
-                    kink = turn(first, middle, tried / 2) or turn(middle, last, tried / 2)
-                turned += kink
-                if (
-                    kink
-                ):  # no method has its order there, and its nodes need not see the kink: rates change by this much
-                    error = max(error, float((tried / 2 * np.abs(last[2] - first[2]) / (atol + rtol * size)).max()))
+                    halves = (z, half, first, middle), (half, twice, middle, last)
+                    jumps = [x for x in (jump(kinks, *ends, tried / 2) for ends in halves) if x is not None]
+                kink = bool(jumps)
+                turned = turned + 1 if kink else 0
+                if kink:  # no method has its order there: rates change by this much
+                    error = max(error, float((np.max(jumps, axis=0) / (atol + rtol * size)).max()))
                 rounded = not kink and bool((gap <= digits).all())
             except ArithmeticError as failed:
                 error, why, rounded, kink = np.inf, str(failed), False, False
@@ -123,6 +142,10 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
             if error <= 1:
                 z, t, done = twice, end if tried == left else t + tried, done + 2
             elif stuck == STUCK or turned > MOST_TURNS or h < SMALLEST * whole:
+                if kink:
+                    why = (
+                        "its rates have kinks, and where a motion sticks (dry friction) or slides along one it has none"
+                    )
                 if stuck:
                     why = (
                         f"a tolerance of {rtol:g} over t = {whole:g} asks for errors below round-off; take a looser "

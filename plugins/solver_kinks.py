@@ -1,7 +1,7 @@
 """A solver of somebody else's, begun anew behind each kink of the rates, which its estimates do not see.
 
 Between two states the numbers whose size the rates have, and their slopes, tell whether one of them changed its sign
-(`controlled.turn`). Then the time at which it did is found by solving up to it, and the solver begins there.
+(`controlled.turns`). Then the time at which it did is found by solving up to it, and the solver begins there.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from tcbench import System
 
-from .controlled import kinks_in, turn
+from .controlled import kinks_in, turns
 
 LOOKS = 100  # places in a run, at least, between which kinks are looked for
 FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many each time that none follows
@@ -23,6 +23,7 @@ PARTS = 8  # of an interval with a kink, each looked at
 DEEP = 6  # parts of parts, in which one that turns before it changes its sign may do so
 FINER, FINEST = 8.0, 3e-14  # its tolerance, of which each piece may miss one, over this; the least that solvers take
 MOST = 8  # kinks in one interval: then a motion slides along one, or they are too many for what each adds to the error
+MOST_PARTS = 50  # intervals in an interval that are solved in parts, for the same reasons
 BEHIND = 1e-14  # a kink, over the time
 
 
@@ -53,6 +54,7 @@ class Run:
         self.adaptive, self.system, self.kinks = adaptive, system, kinks
         self.tolerances = max(rtol / FINER, min(rtol, FINEST)), atol / FINER
         self.counts: Counter[str] = Counter()
+        self.left = MOST_PARTS
 
     def solve(self, z: Any, times: Any) -> Any:
         """States at the times behind the first, at which it is z."""
@@ -71,7 +73,8 @@ class Run:
             many *= GROW
             for t, end, state in zip(ahead[:-1], ahead[1:], self.solve(z, ahead), strict=True):
                 after = self.kinks(state)
-                kink = turn(before, after, end - t)
+                kink = bool(turns(before, after, end - t))
+                self.left = MOST_PARTS
                 z = self.across(z, t, end) if kink else state
                 here += 1
                 if end in wanted:
@@ -83,11 +86,12 @@ class Run:
 
     def across(self, z: Any, t: float, end: float, deep: int = 0) -> Any:
         """The state at the end of an interval, begun anew behind each kink in it."""
-        for _ in range(MOST):
+        for _ in range(min(MOST, self.left)):
+            self.left -= 1
             parts = np.linspace(t, end, PARTS + 1)
             states = [z, *self.solve(z, parts)]
             signs = [self.kinks(x) for x in states]
-            turned = [turn(*pair, parts[1] - t) for pair in pairwise(signs)]
+            turned = [bool(turns(*pair, parts[1] - t)) for pair in pairwise(signs)]
             if not any(turned):
                 return states[-1]
             first = turned.index(True)
@@ -101,8 +105,8 @@ class Run:
             if t >= end:
                 return z
         raise ArithmeticError(
-            f"more than {MOST} kinks of the rates follow each other at t = {t:g}, as where a motion slides along one: "
-            "take tc_auto, or more output times"
+            f"more than {MOST} kinks of the rates follow each other at t = {t:g}, as where a motion sticks (dry "
+            "friction) or slides along one: take a method with a fixed step, or more output times"
         )
 
     def behind(self, z: Any, t: float, end: float, crossed: Any) -> tuple[Any, float]:

@@ -8,6 +8,7 @@ from tcbench import Integrator, hookimpl
 from tcbench.compiler.once import Spares
 
 from ..tc_gauss import stages_of
+from ..tc_gauss.formulas import too_short
 from ..tc_taylor import SAFETY, best_of, order_of, refuses
 
 EXACT = {"energy", "entropy", "angular_momentum"}
@@ -59,7 +60,7 @@ class BothMethods:
             if implicit:
                 gauss.work.clear()  # as it was before
         if done < len(times):
-            raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
+            raise ArithmeticError(too_short(gauss.work.budget.t, taylor.work.n_kinks))
         return taylor.states.copy(), {"steps": steps, "rejected": rejected, "newton_iterations": iterations}
 
 

@@ -97,6 +97,7 @@ def steps(both: Both) -> int:
             row, t, h = gauss.advance(g, times, both.defect, both.residual, states, row, t, LONGER * h)
             keep_laws(e, g)
         if (h == 0.0 and given_up) or over > MOST_OVER:
+            g.budget.t = t
             return row
         given_up = h == 0.0
         explicit = not explicit

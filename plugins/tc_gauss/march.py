@@ -14,6 +14,8 @@ from .newton_matrix import damp, rate_of
 from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, extrapolate, mend, try_step
 
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
+UNSEEN = 2.0  # see `turn`
+CLOSER = 5  # looks between two nodes at what may pass 0 there
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 ADD_UP = 64.0  # steps with a kink, from which on what they miss adds up: each may miss as much less
 SHORTEST = 2.0**-24  # of a step, before it is given up
@@ -49,10 +51,11 @@ def largest_defect(w: Work, h: float) -> float:
 
 
 @rare
-def has_kink(w: Work, h: float) -> bool:
-    """Have rates a kink in this step, from node to node?"""
-    a, before, here = w.numbers, w.start, 0
-    x = 0.0
+def jump_at_kinks(w: Work, h: float) -> float:
+    """What the rates jump by where this step meets a kink, times the time between two nodes, over sizes; -1: it meets
+    none. Nodes on both sides of a narrow window do not see what is in it."""
+    a, before, here, largest, x = w.numbers, w.start, 0, -1.0, 0.0
+    copy_into(w.here, w.z)
     for j in range(w.k):
         for i in range(w.m):
             total = 0.0
@@ -60,28 +63,72 @@ def has_kink(w: Work, h: float) -> bool:
                 total += a.A[j, l] * w.U[i, l]
             w.now[i] = w.z[i] + h * total
         call(w.to_start, w.now, w.c, w.inside[here])
-        if turns(w, before, w.inside[here], h * (a.nodes[j] - x)):
-            return True
+        largest = larger(largest, jump_between(w, before, w.inside[here], h * (a.nodes[j] - x)))
         before, here, x = w.inside[here], 1 - here, a.nodes[j]
-    return turns(w, before, w.end, h * (1.0 - x))
+        for i in range(w.m):
+            w.here[i] = w.now[i]
+    for i in range(w.m):
+        w.now[i] = w.z1[i]
+    return larger(largest, jump_between(w, before, w.end, h * (1.0 - x)))
+
+
+def larger(x: float, y: float) -> float:
+    """The larger one; NaN if y is."""
+    return y if y > x or y != y else x
 
 
 @rare
-def turns(w: Work, before: Floats, after: Floats, h: float) -> bool:
-    """Does what rates have a kink in change its sign in this time, or may it there and back, as its slopes have it?"""
+def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
+    """The same between two nodes, whose states are `here` and `now`. What may pass 0 and come back is looked at again,
+    nearer to where it is least."""
     n = w.n_kinks // 2
-    first = w.n_ends - w.n_kinks
+    first, largest = w.n_ends - w.n_kinks, -1.0
     for i in range(first, first + n):
-        u, v = before[i], after[i]
-        if not u * v > 0.0 and u != v:
-            return True
-        way = 1.0 if u > 0.0 else -1.0
-        down, up = way * before[i + n], way * after[i + n]
-        if (
-            down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up * h) / (down - up) < 0.0
-        ):  # where tangents meet
-            return True
-    return False
+        left, right, u, v = 0.0, 1.0, before[i], after[i]
+        down, up, looks = h * before[i + n], h * after[i + n], 0
+        while looks < CLOSER:
+            s = turn(u, v, (right - left) * down, (right - left) * up)
+            if s == UNSEEN:
+                return math.inf
+            if s < 0.0:
+                break
+            x = left + s * (right - left)
+            largest = larger(largest, defect_between(w, before, after, x, h))
+            middle, slope = w.inside[2, i], h * w.inside[2, i + n]
+            looks = looks + 1 if u * v > 0.0 and u * middle > 0.0 else CLOSER
+            if u * slope < 0.0:
+                left, u, down = x, middle, slope
+            else:
+                right, v, up = x, middle, slope
+    return largest
+
+
+def turn(u: float, v: float, slope: float, last: float) -> float:
+    """The part of an interval after which a number that goes from u to v, with these slopes, changes its sign, or where
+    it is nearest to 0 if its tangents meet on the other side; -1: nowhere; UNSEEN: anywhere, for what it changes by and
+    its slopes differ by more than it is from 0."""
+    if not u * v > 0.0 and u != v:
+        part = u / (u - v)
+        return part if part >= 0.0 else 0.5  # of what is no number
+    way = 1.0 if u > 0.0 else -1.0
+    down, up = way * slope, way * last
+    if down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up) / (down - up) < 0.0:
+        return down / (down - up)
+    return UNSEEN if abs(v - u - 0.5 * (slope + last)) > min(abs(u), abs(v)) else -1.0
+
+
+def defect_between(w: Work, before: Floats, after: Floats, s: float, h: float) -> float:
+    """Largest |h rate - slope|, over sizes, of the cubic from node to node after the part s of the time h between."""
+    largest = 0.0
+    for i in range(w.m):
+        d, p, q = w.now[i] - w.here[i], h * before[i], h * after[i]
+        second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
+        w.dropped[i] = w.here[i] + s * (p + s * (second + s * third))
+        w.forces[i] = p + s * (2.0 * second + 3.0 * s * third)
+    call(w.to_start, w.dropped, w.c, w.inside[2])
+    for i in range(w.m):
+        largest = larger(largest, abs(h * w.inside[2, i] - w.forces[i]) * w.inverse_sizes[i])
+    return largest
 
 
 @rare
@@ -166,7 +213,7 @@ def run(w: Work, tolerance: float, residual: float) -> int:
     so that the defect stays at the tolerance, and are solved to the residual."""
     begin(w, w.states[0])
     w.budget.worth, w.budget.most = 0.0, math.inf
-    row, _, _ = advance(w, w.times, tolerance, residual, w.states, 1, w.times[0], 0.0)
+    row, w.budget.t, _ = advance(w, w.times, tolerance, residual, w.states, 1, w.times[0], 0.0)
     return SOLVED if row == len(w.times) else FAILED
 
 
@@ -221,10 +268,13 @@ def advance(
             if code == SOLVED:
                 error = step * largest_defect(w, step)
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
-                if w.n_kinks > 0 and has_kink(w, step):
+                jump = jump_at_kinks(w, step) if w.n_kinks > 0 else -1.0
+                if not jump < 0.0:
                     turned += 1
                     error *= ACCEPT * tolerance * SOLVED_TO / residual * (1.0 + turned / ADD_UP)
                     factor = min(factor, SAFETY * math.sqrt(tolerance / max(error, 1e-300)))
+                    if not jump <= tolerance:  # the ends, and perhaps the nodes, are outside of what it jumps in
+                        error, factor = math.inf, HALF
                 factor = min(factor, math.sqrt(max(BEST, w.sparse.bound) / max(w.solve.contraction, 1e-3)))
             if code != SOLVED or not error <= ACCEPT * tolerance:
                 w.counts.rejected += 1

@@ -32,6 +32,7 @@ class Budget(Record, mutable=True):
     worth: float  # of a unit of time
     most: float  # that may be owed
     limit: float  # count at which an attempt is given up
+    t: float  # where a run ended
 
 
 class Solve(Record, mutable=True):
@@ -129,7 +130,7 @@ class Work(Record):
     start_y: Floats = sized("n_carried", of="start", at="2 * m + 1")
     end: Floats = sized("n_ends")  # the same at its end
     end_energy: Floats = sized("1", of="end", at="2 * m")
-    inside: Matrix = sized("2", "n_ends")  # the same at two nodes of the step
+    inside: Matrix = sized("3", "n_ends")  # the same at two nodes of the step, and between them
     laws: Floats = sized("n_laws")  # a state and the laws that it should have, as `solver.mending` has them
     run: Floats = sized("1", of="laws", at="m")  # the energy at the start of the run
     least_entropy: Floats = sized("1", of="laws", at="m + 1")

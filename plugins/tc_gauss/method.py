@@ -68,7 +68,7 @@ class GaussMethod(Lending):
         if self.looks.begun or found != SOLVED:
             self.looks.end()
         if found != SOLVED:
-            raise ArithmeticError("the step became too short")
+            raise ArithmeticError(formulas.too_short(self.work.budget.t, self.work.n_kinks))
         return self.states.copy(), self.cost()
 
     def cost(self) -> dict[str, int]:

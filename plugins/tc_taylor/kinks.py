@@ -13,7 +13,9 @@ from tcbench.compiler.language import rare
 
 from .memory import Work
 
-LOOK = 2.0**-10  # of a step: where u has another sign for less that may not be seen
+LOOK = 2.0**-18  # of a step: where u has another sign for less that may not be seen
+LOOK_DOUBTFUL = 2.0**-10  # the same of a step that ends there anyway
+DOUBT = 4.0  # times the last terms of u: what its series may owe
 SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
 PARTS, EACH = 100, 40  # of a fixed step at most, and so many a kink
 FIXED = 1e-10  # the same of a fixed step
@@ -24,50 +26,84 @@ CLOSE, MORE = 1e-13, 4.0
 
 
 @rare
-def first(w: Work, h: float, near: float) -> float:
-    """The length of a step of h from its series, or up to just behind the first kink; `near` in one."""
+def first(w: Work, h: float, near: float, doubt: float) -> float:
+    """The length of a step of h from its series, or up to just behind the first kink; `near` in one.
+
+    It ends where u comes closer to 0 than its last terms, times `doubt`, too: a shorter step tells if it passes 0."""
     for j in range(w.n_kinks):
-        begin = (w.order + 1) * w.size + 2 + j
-        u, most = w.coefficients[begin], moved(w, j, abs(h))
+        u, most = term(w, j, 0), moved(w, j, abs(h))
         if u == 0.0 and most != 0.0:  # it has no sign yet
             h = min(abs(h), near) if h > 0.0 else -min(abs(h), near)
         if u == 0.0 or abs(u) > most:
             continue
         sign = 1.0 if u > 0.0 else -1.0
-        low, high = crossed(w, j, sign, h)
-        while abs(high - low) > CLOSE * abs(high):
-            x = 0.5 * (low + high)
-            if sign * at(w, j, x) < 0.0:
-                high = x
-            else:
-                low = x
-        h = high if high != 0.0 else h
+        low, high = crossed(w, j, sign, h, doubt)
+        if high == 0.0:
+            continue
+        w.course.unsure = math.inf
+        if low != high:
+            while abs(high - low) > CLOSE * abs(high):
+                x = 0.5 * (low + high)
+                if sign * at(w, j, x) < 0.0:
+                    high = x
+                else:
+                    low = x
+            slope = abs(slope_at(w, j, high))
+            if slope > 0.0:
+                w.course.unsure = doubt * last_terms(w, j, abs(high)) / slope
+        h = high
     return h
 
 
 @rare
-def crossed(w: Work, j: int, sign: float, h: float) -> tuple[float, float]:
-    """Two times of a step, between which u loses this sign for the first time; 0 and 0 where it keeps it.
+def crossed(w: Work, j: int, sign: float, h: float, doubt: float) -> tuple[float, float]:
+    """Two times of a step, between which u loses this sign for the first time; the same twice where it may, for
+    u is less than so many times what its series owes there; 0 and 0 where it keeps it.
 
     On its way it goes as far as u must keep it, by its slope and a bound of its curvature: u may pass 0 and come back.
     """
-    n, begin, size, way = w.n_kinks, (w.order + 1) * w.size + 2 + j, abs(h), 1.0 if h > 0.0 else -1.0
+    size, way = abs(h), 1.0 if h > 0.0 else -1.0
     bent = 0.0
     for k in range(w.order, 1, -1):
-        bent = bent * size + abs(w.coefficients[begin + k * n]) * k * (k - 1)
-    low, high, value = 0.0, 0.0, sign * w.coefficients[begin]
-    while high < size and value >= 0.0:
-        low, slope = high, 0.0
-        for k in range(w.order, 0, -1):
-            slope = slope * (way * low) + k * w.coefficients[begin + k * n]
-        slope *= sign * way
+        bent = bent * size + abs(term(w, j, k)) * k * (k - 1)
+    high, value, doubtful, look = 0.0, sign * term(w, j, 0), 0.0, LOOK
+    while high < size:
+        low, slope = high, sign * way * slope_at(w, j, way * high)
         root = math.sqrt(slope * slope + 2.0 * bent * value)
         sure = 2.0 * value / (root - slope) if root > slope else size
-        high = min(size, low + max(sure, LOOK * size))
+        high = min(size, low + max(sure, look * size))
         value = sign * at(w, j, way * high)
-    if value >= 0.0:
-        return 0.0, 0.0
-    return way * low, way * high
+        if value < 0.0:
+            if doubtful > 0.0 and high > 2.0 * doubtful:
+                break
+            return way * low, way * high
+        near = value < doubt * last_terms(w, j, high)
+        if near and doubtful == 0.0:
+            doubtful, look = high, LOOK_DOUBTFUL
+        elif doubtful > 0.0 and not near:
+            break
+    return way * doubtful, way * doubtful
+
+
+def term(w: Work, j: int, k: int) -> float:
+    """A coefficient of u."""
+    return w.coefficients[(w.order + 1) * w.size + 2 + k * w.n_kinks + j]
+
+
+def last_terms(w: Work, j: int, t: float) -> float:
+    """Of the series of u after t, the size of the last four: what is left out."""
+    total = 0.0
+    for k in range(w.order, w.order - 4, -1):
+        total = total * t + abs(term(w, j, k))
+    return total * t ** (w.order - 3)
+
+
+def slope_at(w: Work, j: int, t: float) -> float:
+    """The slope of u after t."""
+    total = 0.0
+    for k in range(w.order, 0, -1):
+        total = total * t + k * term(w, j, k)
+    return total
 
 
 def moved(w: Work, j: int, h: float) -> float:
@@ -86,6 +122,6 @@ def moved(w: Work, j: int, h: float) -> float:
 def at(w: Work, j: int, t: float) -> float:
     """u after t."""
     total = 0.0
-    for k in range(w.order + 1):
-        total = total * t + w.coefficients[(w.order + 1) * w.size + 2 + (w.order - k) * w.n_kinks + j]
+    for k in range(w.order, -1, -1):
+        total = total * t + term(w, j, k)
     return total

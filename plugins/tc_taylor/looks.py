@@ -97,7 +97,7 @@ def looked_at(w: Work, h: float, x: float, tolerance: float) -> float:
     if last > LEAST and before < math.inf:
         radius = math.sqrt(before / last)
     if w.n_kinks > 0:
-        kink = kinks.first(w, most, most)
+        kink = kinks.first(w, most, most, kinks.DOUBT)
         most = BEFORE_KINK * kink if kink < most else most
     gap = min(c.gap, max(RADII * radius, most / MOST_LOOKS)) if radius > 0.0 else c.gap
     found = sure(w, most, min(x * most, gap) if x < 1.0 else min(most, c.gap), gap, tolerance)

@@ -45,6 +45,7 @@ HOPELESS, MOST_HOPELESS = 1e-9, 500  # steps so short, over the time, and how ma
 # length, if what that misses is no more than a tolerance, so that a root which all but turned at 0 has turned. To first
 # order the rates behind it make up for what is missed: the thousand kinks of a ball that comes to rest would add up.
 BEHIND_KINK, CLOSER_TO_KINK = 3e-14, 0.125
+UNSURE = 1e-3  # tolerances of a step, by which a kink may lie elsewhere whatever the rates do there
 
 
 def begin(w: Work, z: Floats) -> None:
@@ -236,8 +237,13 @@ def to_kink(w: Work, h: float, tolerance: float) -> float:
     """The part of a step up to behind the first kink, looked at before it; 0 after too many that are short."""
     c = w.course
     whole = min(h, c.final - c.t + c.unit)  # of polynomials it has no bound
-    h = kinks.first(w, whole, kinks.CLOSE * whole * kinks.MORE ** min(c.held, MOST_HELD))
+    h = kinks.first(w, whole, kinks.CLOSE * whole * kinks.MORE ** min(c.held, MOST_HELD), kinks.DOUBT)
     if h < whole:
+        behind, least = c.unsure, UNSURE * tolerance * whole
+        while behind > least and behind < math.inf and right_at(w, h + behind, c.unsure, tolerance / AGREED):
+            behind *= CLOSER_TO_KINK  # beyond may be the far side of a window
+        if behind > least:
+            h = max(h - 2.0 * c.unsure, SHRINK * h)  # the next step sees it from near by
         if c.own > 0.0 and not right_at(w, BEFORE_KINK * h, h, tolerance):
             h = looked_at(w, h, INSIDE, tolerance)
         behind, least = tolerance * h, BEHIND_KINK * max(c.unit, abs(c.t))
@@ -318,7 +324,7 @@ def fixed_steps(w: Work, h: float, states: Matrix) -> int:
             part = left if abs(left) <= grow * behind else grow * behind * left / abs(left)
             if w.n_kinks > 0:
                 whole = part
-                part = kinks.first(w, whole, kinks.FIXED * abs(whole))
+                part = kinks.first(w, whole, kinks.FIXED * abs(whole), 0.0)
                 behind += abs(part)
                 if abs(part) < abs(whole):
                     behind = kinks.FIXED * abs(h)

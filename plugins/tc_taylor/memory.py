@@ -30,6 +30,7 @@ class Course(Record, mutable=True):
     h: float  # the last step
     own: float  # the same, if it is as long as its series, else 0
     behind: float  # how far a kink it ends
+    unsure: float  # how far from the kink that its series has; infinite: it may be none
     row: int  # the next output
     since: int  # steps since a mended state
     often: int  # how many of these at most

@@ -15,6 +15,7 @@ from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels
 
+from ..tc_gauss.formulas import too_short
 from . import on_arrays
 from .orders import MOST_ORDER, is_long
 from .texts import series_kernels, slopes_kernel
@@ -48,7 +49,7 @@ class TaylorMethod(Lending):
         if self.looks.begun or done < len(times):
             self.looks.end()
         if done < len(times):
-            raise ArithmeticError(f"the step became too short before t = {times[done]:g}")
+            raise ArithmeticError(too_short(self.work.course.t, self.work.n_kinks))
         return self.states.copy(), self.cost()
 
     def cost(self) -> dict[str, int]:

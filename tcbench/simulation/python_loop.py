@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiler.library import evaluate
-from ..errors import leave_to_the_machine, shown
+from ..errors import ending, leave_to_the_machine, shown
 from ..integrator import Integrator
 from ..progress import Meter, part
 from ..solver import foresight
@@ -255,7 +255,7 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     except Exception as error:
         leave_to_the_machine(error)
         states = np.array(given) if given else np.empty((0, model.size))  # those before it stand
-        status, failure = raised(error, max(1, len(given)), float(t[max(0, len(given) - 1)]))
+        status, failure = raised(error, len(given), float(t[len(given) - 1])) if given else ending(error)
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
     return Solved(states, counts, status, failure, wall, work)

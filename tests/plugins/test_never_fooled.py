@@ -342,3 +342,52 @@ def test_a_wall_far_away_gives_a_size_to_what_moves_towards_it(k, at, width):
     for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive"):
         run = tcbench.simulate(method, scenario, tolerance=1e-6)
         assert run.ok and run.z[-1, 1] == pytest.approx(-1.0, abs=1e-4), (method, run.failure)
+
+
+FORMS = {
+    "abs": lambda x, w: np.abs(x) < w, "square": lambda x, w: x**2 < w**2, "both": lambda x, w: (x > -w) & (x < w),
+}  # fmt: skip
+
+
+def window(form):
+    class Window(Moving):
+        """A spring whose friction is 0.02, and c in a narrow window."""
+
+        def potential(self, q):
+            return q**2 / 2
+
+        def irreversible(self, z, dE, dS):
+            return rubbed(np.where(FORMS[form](z.q - self.at, self.width), self.c, 0.02) * dE.p, dE)
+
+    return Window
+
+
+def passed_through(at, width, c, z, t, t_end):
+    """(q, p) at the end, piece by piece between the edges."""
+
+    def edge(k):
+        return lambda t, y: y[0] - at - k * width
+
+    edges = edge(-1.0), edge(1.0)
+    edges[0].terminal = edges[1].terminal = True
+    while t < t_end:
+        b = c if abs(z[0] - at) < width else 0.02
+        piece = solve_ivp(
+            lambda t, y, b=b: [y[1], -y[0] - b * y[1]], (t, t_end), z, "DOP853", rtol=1e-12, atol=1e-13, events=edges
+        )
+        t, z = piece.t[-1], piece.y[:, -1] + [np.sign(piece.y[1, -1]) * 1e-12, 0.0]  # over the edge
+    return z
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("at", "width", "c"), [(0.7, 0.002, 40.0), (-0.4, 0.001, 40.0), (0.1, 0.003, 20.0), (0.3, 1e-4, 500.0)]
+)
+def test_no_method_steps_over_a_narrow_window_of_friction(form, at, width, c):
+    """Nodes on both sides of a window saw nothing of it: errors of 0.1 with status ok, at every tolerance."""
+    scenario = unseen(window(form), at=at, width=width, c=c, t_end=6.0)
+    exact = passed_through(at, width, c, np.array([0.0, 1.0]), 0.0, 6.0)
+    for method in (*METHODS, "tc_gauss_adaptive", "controlled"):
+        for tolerance in (1e-3, 1e-6):
+            run = tcbench.simulate(method, scenario, tolerance=tolerance)
+            assert run.ok and np.abs(run.z[-1, :2] - exact).max() < ALLOWED * tolerance, (method, tolerance)
