@@ -16,6 +16,7 @@ import numpy as np
 from tcbench import System
 
 from .controlled import kinks_in, turns
+from .tc_gauss.formulas import NO_RATES
 
 LOOKS = 100  # places in a run, at least, between which kinks are looked for
 FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many each time that none follows
@@ -105,8 +106,7 @@ class Run:
             if t >= end:
                 return z
         raise ArithmeticError(
-            f"more than {MOST} kinks of the rates follow each other at t = {t:g}, as where a motion sticks (dry "
-            "friction) or slides along one: take a method with a fixed step, or more output times"
+            f"more than {MOST} kinks of the rates follow each other at t = {t:g}: ask for more output times; {NO_RATES}"
         )
 
     def behind(self, z: Any, t: float, end: float, crossed: Any) -> tuple[Any, float]:

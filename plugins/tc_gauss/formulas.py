@@ -152,12 +152,15 @@ def structure(pattern: Any, free: Sequence[int]) -> tuple[list[int], list[int]]:
     return driven, rest[several | among.diagonal()].tolist()
 
 
+NO_RATES = (
+    "where a motion sticks (dry friction) or slides along one it has none; make the change smooth, as tanh(v/v0) does "
+    "for sign(v)"
+)
+
+
 def too_short(t: float, n_kinks: int) -> str:
     """The sentence for an adaptive run that ended at this time for its steps."""
-    kinks = (
-        ": its rates have kinks, and where a motion sticks (dry friction) or slides along one it has none; take a "
-        "fixed step"
-    )
+    kinks = f": its rates have kinks, and {NO_RATES}"
     return f"the step became too short at t = {t:.6g}{kinks if n_kinks else ''}"
 
 

@@ -18,7 +18,7 @@ UNSEEN = 2.0  # see `turn`
 CLOSER = 5  # looks between two nodes at what may pass 0 there
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 ADD_UP = 64.0  # steps with a kink, from which on what they miss adds up: each may miss as much less
-SHORTEST = 2.0**-24  # of a step, before it is given up
+SHORTEST, MOST_FAILED = 2.0**-24, 300  # part of a step, and parts that fail, before it is given up
 SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 HALF = 0.5  # of a step without a solution in reach
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
@@ -162,7 +162,7 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     fill(dz_total, 0.0)
     fill(carry, 0.0)
     call(w.to_start, z, w.c, w.start)
-    done, part = 0.0, 1.0
+    done, part, failed = 0.0, 1.0, 0
     while done < 1.0:
         begin_step(w, part * h, z)
         if part == 1.0 and w.solve.stiff:
@@ -173,7 +173,8 @@ def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
         if code != SOLVED:
             part *= 0.5
             w.counts.halved += 1
-            if part < SHORTEST:
+            failed += 1
+            if part < SHORTEST or failed > MOST_FAILED:
                 return FAILED
             continue
         w.counts.steps += 1

@@ -6,6 +6,7 @@ from mechanics import Mechanical, rubbed
 from scipy.integrate import solve_ivp
 
 import tcbench
+from tcbench import Scenario
 from tcbench.plugins import find_integrator
 
 
@@ -209,3 +210,25 @@ def test_a_kink_that_is_passed_twice_within_a_step_is_seen(beyond, most, monkeyp
     for tolerance in (1e-4, 1e-6, 1e-10):
         run = tcbench.simulate("tc_taylor", scenario, tolerance=tolerance, times=[6.0])
         assert abs(scenario.model.state(run.z[-1]).q - exact).max() < 10 * tolerance, tolerance
+
+
+class Held(Mechanical):
+    """Dry friction, which holds the body where the spring pulls less."""
+
+    name = "held"
+    constants = {"c": ()}
+
+    def energy(self, z):
+        return z.p**2 / 2 + z.q**2 / 2 + 300.0 * z.s
+
+    def irreversible(self, z, dE, dS):
+        return rubbed(self.c * np.sign(dE.p), dE)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_where_dry_friction_holds_a_body_the_sentence_says_so(tolerance):
+    """The body stops at t = pi. `controlled` divided steps for minutes, and the sentence named no cause."""
+    scenario = Scenario("held", Held, {"c": 0.4}, initial={"q": 1.0, "p": 0.0, "s": 0.0}, t_end=6.3, dt=0.1)
+    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled", "projected[method=scipy_dop853]"):
+        run = tcbench.simulate(method, scenario, tolerance=tolerance)
+        assert run.status == "nonconverged" and "sticks (dry friction)" in run.failure, (method, run.failure)
