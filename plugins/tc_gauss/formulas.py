@@ -34,6 +34,7 @@ from .sparse import with_fill
 
 Floats = NDArray[np.float64]
 MOST_ON_VECTORS, MOST_PRODUCTS = 128, 1400  # variables, and products of an elimination: more take seconds to compile
+UNDER_CONSTRAINTS = 24  # the same of systems with constraints, whose rates are long: of 28 numbers they take 5 s
 
 
 @cache
@@ -99,7 +100,7 @@ def formulas(symbolic: System) -> Formulas:
         written = [list(map(lifted, x)) for x in (motion, slopes, list(forces))]
         on_vectors = (
             not PLAIN
-            and symbolic.size <= MOST_ON_VECTORS
+            and symbolic.size <= (UNDER_CONSTRAINTS if symbolic.multipliers else MOST_ON_VECTORS)
             and products(with_fill(there)) <= MOST_PRODUCTS
             and can_express([x for row in written for x in row])
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .orders import MOST_ORDER, is_long
 from .texts import series_kernels, slopes_kernel
 
 Floats = NDArray[np.float64]
+SHORT = 16  # numbers whose slopes at the end of a step are written out: of 70 that takes 4 s to compile
 SELDOM = 32  # steps to a mended state: mending takes a fifth of a step, or more
 
 
@@ -122,5 +124,6 @@ def kernels(system: System, order: int) -> tuple[dict[str, Any], Kernel | None, 
         first = system.n_constant_values + len(fixed)
         series, polynomial, rates, more, series_time = series_kernels(system, order, first)
         made |= {"to_series": series, "to_state": polynomial, "to_rates": rates}
-        made["to_end"] = slopes_kernel(order, system.size)
-        return made, kernel(system.constant_symbols(), [*fixed, *more]), series_time
+        made["to_end"] = (slopes_kernel if system.size <= SHORT else on_arrays.slopes_kernel)(order, system.size)
+        setup = kernel(system.constant_symbols(), [*fixed, *more])
+        return made, replace(setup, seldom=True), series_time

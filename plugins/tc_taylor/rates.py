@@ -15,6 +15,7 @@ from typing import Any
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.derivatives import Symbol
+from tcbench.systems.constrained import reduced
 
 from .series import ONE, ZERO, Linear, Normal, Series, combined
 
@@ -27,7 +28,8 @@ def rates(sym: Any, y: Any) -> tuple[list[Series], list[Series]]:
 def of_any(sym: Any, z: Any, normal: Normal) -> tuple[list[Series], list[Series]]:
     """z and the vector field, which leaves the invariants as they are."""
     normal.hold(normal.of(lifted(sym.momenta(z))))
-    return normal.variables, singles(normal, normal.of(lifted(sym.vector_field(z))))
+    rates = reduced(sym, z, marked=True) if sym.multipliers else sym.vector_field(z)
+    return normal.variables, singles(normal, normal.of(lifted(rates)))
 
 
 def of_elements(sym: Any, y: Any, normal: Normal) -> tuple[list[Series], list[Series]]:

@@ -92,7 +92,7 @@ class Normal:
             case "recip":
                 return self.inverse(args[0])
             case "mark":
-                return args[0]
+                return {((self.single(args[0]), 1),): ONE}
             case "pow":
                 base, power = args
                 if len(base) > 1 and not (power.keys() == {()} and power[()].op == "const"):  # 1/2 it may be, or 3/2

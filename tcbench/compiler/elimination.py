@@ -24,6 +24,7 @@ class Factors:
     lower: dict[tuple[int, int], Symbol]
     upper: dict[tuple[int, int], Symbol]
     inverse: list[Symbol]  # of the pivots, D
+    marked: bool = False  # factors and unknowns are intermediates
 
     def solve(self, right: Sequence[Symbol]) -> list[Symbol]:
         b, n = list(right), len(self.inverse)
@@ -31,6 +32,7 @@ class Factors:
             b[i] = trace.sub(b[i], trace.mul(factor, b[k]))
         b = [trace.mul(x, inverse) for x, inverse in zip(b, self.inverse, strict=True)]
         for j in reversed(range(n)):
+            b[j] = trace.mark(b[j]) if self.marked else b[j]
             for k in range(j):
                 b[k] = trace.sub(b[k], trace.mul(self.upper[k, j], b[j]))
         return b
@@ -53,20 +55,25 @@ class Factors:
         return Factors(lower, upper, [name(v) for v in self.inverse]), names
 
 
-def factorise(jacobian: Any) -> tuple[Factors, list[Symbol]]:
-    """LU factors without pivoting, and the pivots (their signs give the sign of the determinant)."""
+def factorise(jacobian: Any, symmetric: bool = False, marked: bool = False) -> tuple[Factors, list[Symbol]]:
+    """LU factors without pivoting, and the pivots (their signs give the sign of the determinant). Those of a symmetric
+    matrix, as of multipliers, are one another's mirror. marked: they and the unknowns are intermediates."""
     n, A = len(jacobian), [list(row) for row in jacobian]
-    factors = Factors({}, {}, [])
+    factors = Factors({}, {}, [], marked)
     for k in range(n):
         if trace.is_const(A[k][k], 0.0):
             raise TraceError(ZERO_PIVOT)
         factors.inverse.append(trace.reciprocal(A[k][k]))
         for j in range(k + 1, n):
             factors.upper[k, j] = trace.mul(A[k][j], factors.inverse[k])
+            if marked:
+                factors.upper[k, j] = trace.mark(factors.upper[k, j])
         for i in range(k + 1, n):
             if trace.is_const(A[i][k], 0.0):
                 continue
-            factor = factors.lower[i, k] = trace.mul(A[i][k], factors.inverse[k])
-            for j in range(k + 1, n):
+            factor = factors.upper[k, i] if symmetric else trace.mul(A[i][k], factors.inverse[k])
+            factors.lower[i, k] = factor
+            for j in range(i if symmetric else k + 1, n):
                 A[i][j] = trace.sub(A[i][j], trace.mul(factor, A[k][j]))
+                A[j][i] = A[i][j] if symmetric else A[j][i]
     return factors, [A[k][k] for k in range(n)]

@@ -116,6 +116,7 @@ class Kernel:
     size: int
     table: NDArray[np.int32] | None = field(default=None, compare=False)  # whole numbers that the text reads
     room: int = field(default=0, compare=False)  # numbers behind the results that it writes on
+    seldom: bool = field(default=False, compare=False)  # it is called once a run: time to compile it is all that counts
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the address, which is one in this process only."""
@@ -124,7 +125,7 @@ class Kernel:
     @cached_property
     def address(self) -> int:
         """Address of the compiled code, to be passed as an integer into compiled loops."""
-        return _load(self.text, self.table)
+        return _load(self.text, self.table, self.seldom)
 
     def __call__(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         """Evaluate once; returns a new array, shape (size,). `a` and `b` must be contiguous."""
@@ -158,13 +159,13 @@ def namespace() -> dict[str, Any]:
     return {"inf": math.inf, **values(), **functions, **pairs}
 
 
-def _load(text: str, table: NDArray[np.int32] | None) -> int:
+def _load(text: str, table: NDArray[np.int32] | None, seldom: bool) -> int:
     """Address of the compiled text: of machine code, or made up where nothing is compiled."""
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
 
         with LOCK:  # of threads that ask for the same one compiles it
-            return load(text, lambda _: _code(text, table), table, by="kernel")
+            return load(text, lambda _: _code(text, table), table, by="kernel", seldom=seldom)
     scope = namespace() | {"table": table}
     exec(compile(text, "<kernel>", "exec"), scope)
     return made_up_address(scope["kernel"])

@@ -23,6 +23,7 @@ from .once import uncollected
 
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
 LINE, ARRAYS, LIBRARY = "a kernel", "a kernel on arrays", "functions"  # what a module has
+SELDOM = "a kernel that is called once"
 LONG = 4000  # lines of straight-line LLVM code, from which on they are written quickly
 VECTORS, EIGHT = "x double>", "<8 x double>"  # what code with short vectors has in it, with those of eight
 LEVELS = ("x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")  # SSE2, SSE4.2, AVX2, AVX-512
@@ -66,7 +67,7 @@ def _machine(level: int = 3) -> Any:
 
 
 def compile_object(code: str, kind: str) -> bytes:
-    """Optimised object code of a module.
+    """Optimised object code of a module; of what is called once it is not, which takes a hundredth of the time.
 
     The loops of functions are short: vectors and unrolling make them slower. Of straight-line code the first level of
     LLVM's passes makes the same object as the last. In kernels on arrays LLVM finds nothing that their graphs have not
@@ -75,7 +76,7 @@ def compile_object(code: str, kind: str) -> bytes:
     """
     import llvmlite.binding as llvm
 
-    machine = _machine(1 if kind == ARRAYS or (kind == LINE and code.count("\n") > LONG) else 3)
+    machine = _machine(0 if kind == SELDOM else 1 if kind == ARRAYS or (kind == LINE and code.count("\n") > LONG) else 3)
     if kind == LINE and is_x86() and VECTORS in code and EIGHT not in code:
         code = code.replace(" nounwind {", IN_ORDER)
     module = llvm.parse_assembly(code)
@@ -145,7 +146,9 @@ def addresses(
     return list(found.values())
 
 
-def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None, by: str = "") -> int:
+def load(
+    text: str, code: Callable[[str], str], table: np.ndarray | None = None, by: str = "", seldom: bool = False
+) -> int:
     """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that.
 
     table: whole numbers that it reads. One piece of machine code serves any table; each has a copy in memory.
@@ -157,7 +160,7 @@ def load(text: str, code: Callable[[str], str], table: np.ndarray | None = None,
             ["kernel", *(["table"] if table is not None else [])],
             lambda: code(text),
             f"{by} {text}" if by else None,
-            LINE if table is None else ARRAYS,
+            SELDOM if seldom else LINE if table is None else ARRAYS,
         )
         if table is not None:
             ctypes.c_int64.from_address(found[1]).value = table.ctypes.data

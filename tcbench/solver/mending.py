@@ -156,6 +156,7 @@ def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float
     return most
 
 
+@once
 def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`, or of one
     kind, by `by_arrays`.
@@ -165,23 +166,13 @@ def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     what must be positive in it, and of what each law may miss less what it does. hold: the same, S as it is in the
     target, too. given: `constant_values`, then the constants of the list.
     """
-    return _of_arrays(system) if system.by_array else _made(system)
-
-
-@once
-def _of_arrays(net: Any) -> tuple[Any, Any, Any, list[Symbol]]:
-    """The kernels of systems over spaces, compiled once for all methods."""
     with trace.tracing():
-        return _made(net)
-
-
-def _made(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
-    z = system.unknowns("x")
-    told = trace.variables("law", INVARIANTS + 2 * (len(system.invariant_names) + len(constraints(system, z))))
-    start, *moves = _moves(system, z, told)
-    constants = system.hoisted(moves, [z, told])
-    mend, hold = (system.compiled([z, told], move, constants, len(entries(z))) for move in moves)
-    return system.compiled([z], start), mend, hold, constants
+        z = system.unknowns("x")
+        told = trace.variables("law", INVARIANTS + 2 * (len(system.invariant_names) + len(constraints(system, z))))
+        start, *moves = _moves(system, z, told)
+        constants = system.hoisted(moves, [z, told])
+        mend, hold = (system.compiled([z, told], move, constants, len(entries(z))) for move in moves)
+        return system.compiled([z], start), mend, hold, constants
 
 
 def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
 MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 30 s
 REDUCED = "constraints"  # tag of methods that keep the constraints as laws, most on this ODE: see solver.mending
+SAMPLES, SYMMETRIC = 2, 1e-12  # random states at which a matrix is looked at, and what of it is round-off
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
 
 
@@ -257,19 +258,18 @@ def _divided(x: Symbol, h: Symbol) -> Symbol | None:
 def velocities(system: Any, z: Any) -> list[Any]:
     """d g/dt along the motion without multipliers, which is that with them: the constraints' velocity form."""
     x = system.unknowns("x")
-    rate = entries(system.free_rate(x))
-    mu = symbols_like(conditions(system, x), "mu")
-    slopes = chain_rule.gradient(paired(mu, conditions(system, x)), entries(x))
-    own = chain_rule.gradient(summed(products(slopes, rate)), entries(*mu))
+    g = [_lifted(x) for x in conditions(system, x)]
+    own = _along(entries(*g), entries(x), entries(system.free_rate(x)))
     here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
-    return _blocks_like(mu, trace.substitute(own, here))
+    return _blocks_like(g, trace.substitute(own, here))
 
 
-def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None) -> Any:
+def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None, marked: bool = False) -> Any:
     """dz/dt with the multipliers that keep d g/dt = 0: A lam = b, A = {g, dg/dt}, by elimination without pivoting, for
     -A = G M^-1 G^T is positive definite. Entry by entry, of small systems.
 
-    dE, dS: covectors, shape (size,), in the place of the gradients of energy and entropy."""
+    dE, dS: covectors, shape (size,), in the place of the gradients of energy and entropy. marked: multipliers and
+    factors are intermediates, of which series are made once; sparse Jacobians would be accumulated through them."""
     x = system.unknowns("x")
     here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
     covectors = [system.gradient(x), system.entropy_gradient(x)]
@@ -278,22 +278,40 @@ def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None) -> Any:
         here |= dict(zip(entries(*told), map(trace.lifted, entries(dE, dS)), strict=True))
         covectors = [system.state(y) for y in told]
     dE, dS = covectors
-    lam, slopes = _solved(system, x, dE, dS)
+    lam, slopes = _solved(system, x, dE, dS, marked)
     force = [summed(products(lam, column)) for column in zip(*slopes, strict=True)]
     pulled_by = dE + system.state(trace.array(force))
     found = [trace.lifted(y) for y in system.reversible(x, pulled_by, dS) + system.irreversible(x, pulled_by, dS)]
     return system.state(trace.substitute(found, here))
 
 
-def _solved(system: Any, x: Any, dE: Any, dS: Any) -> tuple[list[Symbol], list[list[Symbol]]]:
+def _solved(system: Any, x: Any, dE: Any, dS: Any, marked: bool) -> tuple[list[Symbol], list[list[Symbol]]]:
     """The multipliers at a state of symbols, and the slopes of their constraints."""
     free = entries(system.reversible(x, dE, dS) + system.irreversible(x, dE, dS))
     g = entries(*map(_lifted, conditions(system, x)))
     slopes = [chain_rule.gradient(trace.lifted(f), entries(x)) for f in g]
-    speeds = entries(*velocities(system, x))
-    bends = [chain_rule.gradient(trace.lifted(w), entries(x)) for w in speeds]
+    speeds = [trace.lifted(w) for w in entries(*velocities(system, x))]
     pulls = [entries(system.reversible(x, system.state(trace.array(s)), dS)) for s in slopes]
 
-    A = [[trace.neg(summed(products(bend, pull))) for pull in pulls] for bend in bends]
-    factors, _ = factorise(A)
-    return factors.solve([summed(products(bend, free)) for bend in bends]), slopes
+    columns = [[trace.neg(w) for w in _along(speeds, entries(x), pull)] for pull in pulls]
+    A = [list(row) for row in zip(*columns, strict=True)]
+    factors, _ = factorise(A, _is_symmetric(A, [*entries(x), *system.constant_symbols()]), marked)
+    return factors.solve(_along(speeds, entries(x), free)), slopes
+
+
+def _is_symmetric(A: Sequence[Sequence[Symbol]], inputs: Sequence[Symbol]) -> bool:
+    """As it is in all mechanics, {{g, g}, E} being 0; seen at random numbers."""
+    rng = np.random.default_rng(0)
+    flat = [x for row in A for x in row]
+    for _ in range(SAMPLES):
+        there = {x: const(v) for x, v in zip(inputs, rng.uniform(0.5, 1.5, len(inputs)), strict=True)}
+        found = [x.value if x.op == "const" else np.nan for x in trace.substitute(flat, there)]
+        values = np.reshape(found, (len(A), -1))
+        if not np.abs(values - values.T).max() <= SYMMETRIC * np.abs(values).max():
+            return False
+    return True
+
+
+def _along(values: Sequence[Any], x: Sequence[Any], rates: Sequence[Any]) -> list[Symbol]:
+    """The rates of these values where x moves so."""
+    return trace.along(list(map(trace.lifted, values)), dict(zip(x, map(trace.lifted, rates), strict=True)))
