@@ -76,7 +76,8 @@ def compile_object(code: str, kind: str) -> bytes:
     """
     import llvmlite.binding as llvm
 
-    machine = _machine(0 if kind == SELDOM else 1 if kind == ARRAYS or (kind == LINE and code.count("\n") > LONG) else 3)
+    quick = kind == ARRAYS or (kind == LINE and code.count("\n") > LONG)
+    machine = _machine(0 if kind == SELDOM else 1 if quick else 3)
     if kind == LINE and is_x86() and VECTORS in code and EIGHT not in code:
         code = code.replace(" nounwind {", IN_ORDER)
     module = llvm.parse_assembly(code)
