@@ -142,15 +142,13 @@ def summarise(run: Trajectory, exact: Equilibrium, columns: Mapping[str, Any], t
     gap = columns["entropy_gap"]
     falls = bool(np.all(np.diff(gap[late]) <= 1e-12)) and len(gap[late]) > 1  # a fall below round-off of S is none
     start = exact.entropy - float(run.entropy[0])
-    near = last["entropy_gap"] <= max(APPROACHED * start, ABOVE)
-    distant = max(there.get("exact_strain_a", 0.0), there.get("exact_strain_b", 0.0)) > DISTANT
-    word = _classify(run, exact, distant, last["entropy_gap"], near and (falls or last["entropy_gap"] <= ABOVE))
+    close = last["entropy_gap"] <= max(APPROACHED * start, ABOVE) and (falls or last["entropy_gap"] <= ABOVE)
     growth = {
         f"growth_{spring}": _slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late])
         for spring in ("ab" if "rate" in columns else "")
     }
     found = {name: last[name] for name in columns if name.endswith("_gap")} | there | growth
-    note = _sentence(word, run, exact, last | there, list(growth.values()))
+    word, note = _judged(run, exact, last | there, list(growth.values()), close)
     return found | {"t_final": float(run.t[-1]), "equilibrium": word, "entropy_gap_falls": falls, "note": note}
 
 
@@ -159,53 +157,37 @@ def _slope(x: Any, y: Any) -> float:
     return float(np.polyfit(x, y, 1)[0]) if len(x) > 1 else float("nan")
 
 
-def _classify(run: Trajectory, exact: Equilibrium, distant: bool, gap: float, near: bool) -> str:
-    """none, run failed, distant, passed, approached or not reached."""
-    if not exact.exists:
-        return "none"
-    if not run.ok:
-        return "run failed"
-    if distant:
-        return "distant"
-    if gap < -ABOVE:
-        return "passed"
-    return "approached" if near else "not reached"
-
-
-def _sentence(
-    word: str, run: Trajectory, exact: Equilibrium, last: Mapping[str, float], growth: Sequence[float]
-) -> str:  # fmt: skip
-    t = run.t[-1]
+def _judged(
+    run: Trajectory, exact: Equilibrium, last: Mapping[str, float], growth: Sequence[float], close: bool
+) -> tuple[str, str]:  # fmt: skip
+    """none, run failed, distant, passed, approached or not reached; and the sentence that goes with it."""
+    t, gap = run.t[-1], last["entropy_gap"]
     growing = f"strains grow by {growth[0]:.3f} and {growth[1]:.3f} per unit of ln t" if growth else ""
-    if word == "none":
-        return f"{exact.note} By t = {t:g} {growing}." if growing else exact.note
-    if word == "distant":
-        a, b = last["exact_strain_a"], last["exact_strain_b"]
-        return (
+    if not exact.exists:
+        return "none", f"{exact.note} By t = {t:g} {growing}." if growing else exact.note
+    if not run.ok:
+        return "run failed", run.failure
+    a, b = last.get("exact_strain_a", 0.0), last.get("exact_strain_b", 0.0)
+    if max(a, b) > DISTANT:
+        return "distant", (
             f"No equilibrium is reached: it lies at strains {a:.3g}, {b:.3g}, S = {exact.entropy:.4f}; at t = {t:g} "
             f"strains are {last['strain_a']:.3f}, {last['strain_b']:.3f}, S = {last['entropy']:.4f}, and {growing}."
         )
-    if word == "run failed":
-        return run.failure
-    if word == "passed":
-        excess, moved = -last["entropy_gap"], run.energy[-1] - run.energy[0]
-        return (
-            f"At t = {t:g} the entropy is {excess:.3g} above the largest that the initial energy allows: "
-            f"the energy moved by {moved:.3g}."
+    if gap < -ABOVE:
+        return "passed", (
+            f"At t = {t:g} the entropy is {-gap:.3g} above the largest that the initial energy allows: "
+            f"the energy moved by {run.energy[-1] - run.energy[0]:.3g}."
         )
-    told = f"At t = {t:g} the entropy is {last['entropy_gap']:.3g} below that of the "
+    word, told = "approached" if close else "not reached", f"At t = {t:g} the entropy is {gap:.3g} below that of the "
     if growth:
-        return f"{told}relative equilibrium."
+        return word, f"{told}relative equilibrium."
     told += "equilibrium, the largest that was found at its energy and invariants, from many starts"
-    if word == "approached":
-        return f"{told}."
+    if close:
+        return word, f"{told}."
     model, z = run.scenario.model, run.z[-1]
-    rises = float(model.entropy_gradient(z) @ model.vector_field(z)) * t
-    return (
-        f"{told}; what dissipates is too slow, or something is conserved that invariants() does not name."
-        if (rises < SLOW * last["entropy_gap"])
-        else f"{told}, and still rises."
-    )
+    slow = float(model.entropy_gradient(z) @ model.vector_field(z)) * t < SLOW * gap
+    why = "; what dissipates is too slow, or something is conserved that invariants() does not name"
+    return word, f"{told}{why if slow else ', and still rises'}."
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:
