@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tcbench import TcbenchError
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler import language, machine
+from tcbench.compiler import kernels, language, machine
 from tcbench.compiler.derivatives import guarded, jacobian, make, maximum, minimum
 from tcbench.compiler.kernels import _code, kernel, namespace
 from tcbench.errors import TraceError
@@ -65,3 +65,14 @@ def test_other_python_is_refused():
 def test_a_whole_number_made_of_a_symbol_is_refused(form):
     with pytest.raises(TraceError, match="a whole number made of a symbol"):
         form(trace.variable("u"))
+
+
+def test_long_code_has_the_values_of_short_code():
+    x = trace.variables("x", 1500)
+    y = [x[k] * x[-k - 1] + x[(7 * k) % 1500] for k in range(1500)]
+    places, rng = kernels.placed("a", x), np.random.default_rng(0)
+    at = rng.normal(size=1500)
+    short = [kernels.kernel(places, [v])(at, at)[0] for v in y[::50]]
+    code = kernels._code(kernels.straight_line(places, y))
+    assert code.count("\n") > machine.LONG and len(machine.LOADED.findall(code)) == 1500
+    assert np.allclose(kernels.kernel(places, y)(at, at)[::50], short, rtol=1e-14, atol=1e-15)
