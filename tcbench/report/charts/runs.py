@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ...chart import OPENING, RUNS, Chart, Panel, Series, Sheet
 from ...errors import TcbenchError
 from ...simulation.series import ENDS, variables
 from ...studies.columns import column as column_named
-from .layout import halo, panels, pt
+from .layout import halo, legend, panels, pt
 from .render import chart, chart_of_rows
 from .style import by_name, finite, ink, numbers, short
 
@@ -213,7 +214,7 @@ def path(series: DataFrame) -> Figure:
     if coloured is not None:
         figure.colorbar(coloured, ax=axes, label="temperature θ of its spring", shrink=0.8)
     if more > 0:
-        figure.supxlabel(f"{more} more runs are not drawn", fontsize=pt(8))
+        legend(figure, [], [Line2D([], [], linestyle="none", label=f"{more} more runs are not drawn")])
     return figure
 
 
