@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from tcbench import System
+from tcbench.solver.foresight import NO_RATES
 
 from .controlled import kinks_in, turns
-from .tc_gauss.formulas import NO_RATES
 
 LOOKS = 100  # places in a run, at least, between which kinks are looked for
 FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many each time that none follows

@@ -153,18 +153,6 @@ def structure(pattern: Any, free: Sequence[int]) -> tuple[list[int], list[int]]:
     return driven, rest[several | among.diagonal()].tolist()
 
 
-NO_RATES = (
-    "where a motion sticks (dry friction) or slides along one it has none; make the change smooth, as tanh(v/v0) does "
-    "for sign(v)"
-)
-
-
-def too_short(t: float, n_kinks: int) -> str:
-    """The sentence for an adaptive run that ended at this time for its steps."""
-    kinks = f": its rates have kinks, and {NO_RATES}"
-    return f"the step became too short at t = {t:.6g}{kinks if n_kinks else ''}"
-
-
 def kinks_of(rates: list[Any], variables: list[Any]) -> list[Any]:
     """What changes its sign where these rates have a kink, numbers that they have the size of and their like; then how
     fast each of them changes."""

@@ -65,11 +65,7 @@ class GaussMethod(Lending):
         self.begin(z0, times)
         self.work.clear()
         found = self.loops.run(self.work, *held(self.stages, tolerance))
-        if self.looks.begun or found != SOLVED:
-            self.looks.end()
-        if found != SOLVED:
-            raise ArithmeticError(formulas.too_short(self.work.budget.t, self.work.n_kinks))
-        return self.states.copy(), self.cost()
+        return self.ended(found == SOLVED, self.work.budget), self.cost()
 
     def cost(self) -> dict[str, int]:
         """What the last adaptive run took."""

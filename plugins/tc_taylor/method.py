@@ -16,7 +16,6 @@ from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels
 
-from ..tc_gauss.formulas import too_short
 from . import on_arrays
 from .orders import MOST_ORDER, is_long
 from .texts import series_kernels, slopes_kernel
@@ -47,12 +46,7 @@ class TaylorMethod(Lending):
         self.begin(z0, times)
         if self.tolerance != tolerance:
             self.tolerance = self.work.tolerance = tolerance
-        done = self.run()
-        if self.looks.begun or done < len(times):
-            self.looks.end()
-        if done < len(times):
-            raise ArithmeticError(too_short(self.work.course.t, self.work.n_kinks))
-        return self.states.copy(), self.cost()
+        return self.ended(self.run() == len(times), self.work.course), self.cost()
 
     def cost(self) -> dict[str, int]:
         """What the last run took."""

@@ -43,6 +43,10 @@ CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no m
 # word about it to the next.
 FIRST, AIM, MOST_FASTER, LOOK = 10_000, 0.01, 10.0, 0.1
 SHARE = 0.005  # of its time that such a run has covered when its rest is told
+NO_RATES = (
+    "where a motion sticks (dry friction) or slides along one it has none; make the change smooth, as tanh(v/v0) does "
+    "for sign(v)"
+)
 CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _limit: tuple[float, float] | None = None  # what the work under way may take, seconds, and when that is over
@@ -109,8 +113,6 @@ def of_steps(system: System, each: float, steps: int) -> str:
 class Lending:
     """A method whose record, `work`, has `rows`, `times`, `states` and `watch`; these are lent to it, for a call that
     passes arrays takes two microseconds more. Its loop asks `compiler.looks.to_end` before each step.
-
-    After a run, if `looks.begun` or where it is not at its end: `looks.end()`.
     """
 
     work: Any
@@ -139,6 +141,15 @@ class Lending:
             self.first, self.looks.times = self.states[0], self.times
         self.times[...] = times  # two thirds of the time of [:]
         self.first[...] = z0
+
+    def ended(self, reached: bool, course: Any) -> Floats:
+        """The states of a run that has ended; ArithmeticError where it did not reach the last time but `course.t`."""
+        if self.looks.begun or not reached:
+            self.looks.end()
+        if not reached:
+            kinks = f": its rates have kinks, and {NO_RATES}" if self.work.n_kinks else ""
+            raise ArithmeticError(f"the step became too short at t = {course.t:.6g}{kinks}")
+        return self.states.copy()
 
 
 class Looks:
