@@ -17,12 +17,21 @@ from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.derivatives import Symbol
 from tcbench.systems.constrained import reduced
 
+from .factored import Factored, products
 from .series import ONE, ZERO, Linear, Normal, Series, combined
+
+FEWER = 0.9  # another form has so many of the plain one's products at most: its chains of operations may be longer
 
 
 def rates(sym: Any, y: Any) -> tuple[list[Series], list[Series]]:
-    """The variables and their rates, by a system's `symbolic` or `by_arrays`; y a fresh state."""
-    return (of_elements if sym.defines("element_energy") else of_any)(sym, y, Normal(entries(y)))
+    """The variables and their rates, by a system's `symbolic` or `by_arrays`, y a fresh state; of numbers in the form
+    with fewer products."""
+    of = of_elements if sym.defines("element_energy") else of_any
+    plain = of(sym, y, Normal(entries(y)))
+    if sym.by_array:
+        return plain
+    factored = of(sym, y, Factored(entries(y)))
+    return factored if products(factored) < FEWER * products(plain) else plain
 
 
 def of_any(sym: Any, z: Any, normal: Normal) -> tuple[list[Series], list[Series]]:

@@ -60,8 +60,12 @@ class Normal:
         self, kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: Any = -1
     ) -> Series:
         """One object for equal series."""
-        key = kind, tuple(map(id, parts)), tuple(w.number for w in weights), index
-        return self.interned.setdefault(key, Series(kind, parts, weights, index))
+        return self.interned.setdefault(self.key(kind, parts, weights, index), Series(kind, parts, weights, index))
+
+    @staticmethod
+    def key(kind: str, parts: tuple[Series, ...] = (), weights: tuple[Symbol, ...] = (), index: Any = -1) -> Any:
+        """What is equal of equal series."""
+        return kind, tuple(map(id, parts)), tuple(w.number for w in weights), index
 
     def of(self, outputs: list[Symbol]) -> list[Linear]:
         """Each output as a sum of monomials."""
