@@ -91,9 +91,8 @@ class Multipliers:
         """`rate`, called as a compiled kernel is."""
         out[:] = self.rate(z)
 
-    def redundant(self, z: Any) -> list[int]:
-        """Constraints that say nothing that those before them do not, at this state."""
-        inertia = self.at(z)[3]
+    def redundant(self, inertia: Any) -> list[int]:
+        """Constraints that say nothing that those before them do not, by what `at` gives last."""
         factors = self.factors(inertia)
         own = np.abs(inertia.diagonal())[np.argsort(factors.perm_c)]
         pivots = np.abs(factors.U.diagonal())
@@ -153,13 +152,14 @@ def check_start(system: System, z0: Any) -> None:
                 f"System {system.name!r}: at the start {'the rate of constraints(z)' if rate else 'constraints(z)'} is "
                 f"{found[k]:.2g}, not 0 ({solved.told(k)}): {_cure(system, solved, z0)}"
             )
-    own = np.abs(solved.at(z0)[3].diagonal())
+    inertia = solved.at(z0)[3]
+    own = np.abs(inertia.diagonal())
     if not own.min() > HELD:
         raise TcbenchError(
             f"System {system.name!r}: at the start no force holds {solved.told(int(np.argmin(own)))}: constraints(z) "
             "is constant there (a square has no slope where it is 0: write what is squared), or of what has no inertia."
         )
-    if redundant := solved.redundant(z0):
+    if redundant := solved.redundant(inertia):
         m = len(solved.names)
         raise TcbenchError(
             f"System {system.name!r}: of its {m} constraints {m - len(redundant)} are independent at the start; "
