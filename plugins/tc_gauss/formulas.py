@@ -34,7 +34,7 @@ from .sparse import with_fill
 
 Floats = NDArray[np.float64]
 MOST_ON_VECTORS, MOST_PRODUCTS = 128, 1400  # variables, and products of an elimination: more take seconds to compile
-UNDER_CONSTRAINTS = 24  # the same of systems with constraints, whose rates are long: of 28 numbers they take 5 s
+UNDER_CONSTRAINTS = 16  # the same of systems with constraints, whose rates are long: of 22 or 28 numbers they take 5 s
 
 
 @cache

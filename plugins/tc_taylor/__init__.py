@@ -13,7 +13,7 @@ import numpy as np
 from tcbench import Integrator, family, hookimpl
 from tcbench.compiler.once import Spares
 
-from .orders import EFFORT, LEAST, MOST_ELEMENTS, MOST_ORDER, MOST_VARIABLES, ORDERS, is_long
+from .orders import EFFORT, LEAST, LONG_ORDER, MOST_ELEMENTS, MOST_ORDER, MOST_VARIABLES, ORDERS, is_long
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Taylor series (Jorba and Zou 2005), corrected to the laws (docs/methods-explained.md)"
@@ -39,8 +39,10 @@ def method_of(system, order):
 
 
 def best_of(system, order):
-    """The series for a tolerance of which this is the best order; of elements at most the last that is damped."""
-    return method_of(system, min(order, MOST_ORDER) if system.defines("element_energy") else order)
+    """The series for a tolerance of which this is the best order; of elements at most the last that is damped, and
+    under constraints at most that of long series."""
+    most = MOST_ORDER if system.defines("element_energy") else LONG_ORDER if system.multipliers else order
+    return method_of(system, min(order, most))
 
 
 def order_of(tolerance):
