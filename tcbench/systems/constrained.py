@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .system import System
 
 MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
-MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 30 s
+MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 18 s
 REDUCED = "constraints"  # tag of methods that keep the constraints as laws, most on this ODE: see solver.mending
 SAMPLES, SYMMETRIC = 2, 1e-12  # random states at which a matrix is looked at, and what of it is round-off
 NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
