@@ -34,7 +34,6 @@ from tcbench.solver.mending import (
     gradients,
     laws,
     missed,
-    moved_along,
 )
 
 from .exact_conduction import VERLET_HEAT4
@@ -83,14 +82,11 @@ def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, f
 
 
 def move(system: System, z: Any, start: Any, first: Any, weights: Any) -> Any:
-    """From z to the laws of `first`, and the entropy of `start` at least, to fourth order."""
+    """From z to the laws of `first`, and the entropy of `start` at least, to first order."""
     entropy = system.entropy(start)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
-
-    def misses(z: Any) -> list[Any]:
-        return [target - f for target, f in zip(wanted, laws(system, z), strict=True)]
-
-    return moved_along(Along(system, gradients(system, z), lambda slope: weights * slope), misses, z, at_least=True)
+    misses = [target - f for target, f in zip(wanted, laws(system, z), strict=True)]
+    return Along(system, gradients(system, z), lambda slope: weights * slope).move(misses, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:

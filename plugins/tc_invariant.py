@@ -23,7 +23,7 @@ from .tc_monolithic import tc_monolithic
 
 AT_REST = 1e-10  # of the square of DS, its part free of the others: less is damped
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
-MOVES = 10  # towards the laws at most, each twice; one where little is missed
+MOVES, WITH_THESE = 10, 3  # towards the laws at most, and as many each with the same slopes: round-off of 1e-4 is left
 
 
 def onto_invariants(z0, z1, h, system, start, first, names):
@@ -43,11 +43,11 @@ def onto_invariants(z0, z1, h, system, start, first, names):
     before = system.entropy(start)
     least = before - ROUNDED * (system.least_entropy + abs(before))
     wanted = [*laws(first)[:-1], maximum(lifted(system.entropy(z0)), lifted(least))]
-    return z1 - z0 - moved_along(along, lambda z: [a - b for a, b in zip(wanted, laws(z), strict=True)], z0)
+    return z1 - z0 - moved_along(along, lambda z: [a - b for a, b in zip(wanted, laws(z), strict=True)], z0, WITH_THESE)
 
 
 def projection(names):
-    return Flow(onto_invariants, of_step=True, most=MOVES, chosen=names)
+    return Flow(onto_invariants, of_step=True, most=MOVES, leaves=WITH_THESE + 1, chosen=names)
 
 
 @hookimpl

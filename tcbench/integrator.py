@@ -56,6 +56,8 @@ class Flow:
         How many times an explicit formula is applied at most, each time to the previous result, until the state has
         the energy and the invariants of the run's first state and no less entropy than before the step; if it never
         has, the step fails.
+    leaves : int
+        Of such a formula, the power of its change that is left to be mended; 2 of one move to first order.
 
     Raises
     ------
@@ -76,16 +78,17 @@ class Flow:
     of_step: bool = False
     memory: int = 0
     most: int = 1
+    leaves: int = 2
 
     def __post_init__(self) -> None:
         expect("A Flow", vars(self), KINDS_OF_FLOWS)
         _check_variables("A Flow", self.variables)
-        kinds = {"fraction": float, "stages": int, "memory": int, "most": int}
+        kinds = {"fraction": float, "stages": int, "memory": int, "most": int, "leaves": int}
         try:
             values = {name: kind(getattr(self, name)) for name, kind in kinds.items()}
         except OverflowError:
             values = {"fraction": math.inf}
-        if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1) < 0:
+        if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1, self.leaves - 1) < 0:
             memory = "memory, the number of earlier states, from 0"
             raise TcbenchError(f"A Flow has a finite fraction, stages from 0, most from 1 and {memory}.")
         for name, value in values.items():  # a step times one of float32 had its digits
@@ -93,7 +96,7 @@ class Flow:
 
 
 KINDS_OF_FLOWS = {"residual": "a function", "fraction": "a number", "of_step": "True or False",
-                  **dict.fromkeys(("stages", "memory", "most"), "a whole number")}  # fmt: skip
+                  **dict.fromkeys(("stages", "memory", "most", "leaves"), "a whole number")}  # fmt: skip
 FUNCTIONS = ("step", "march", "adaptive", "outputs", "workspace", "refuses", "family")
 SETS = ("claims", "tags", "systems", "needs", "requires")  # of words
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more

@@ -16,7 +16,7 @@ from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-LITTLE = 1e-8  # as squares, of a state: what mending leaves after such a change is near round-off
+LITTLE = 1e-16  # of a state, what mending leaves after a change: round-off is near
 
 
 class Run(Record):
@@ -35,6 +35,7 @@ class Run(Record):
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
     mends: bool  # the last flow is applied until the state has the laws
+    little: float  # as squares, of a state: a change that leaves LITTLE
     memory: int  # earlier states that the formula of a multistep method sees
     residuals: bool  # were they asked for?
     h: float
@@ -203,7 +204,7 @@ def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bo
     flow, first, entropy = run.flows[run.n_flows - 1], run.observables[FIRST], run.observables[BEFORE, S]
     left, before = np.inf, np.inf
     for k in range(1, flow.most + 1):
-        if k == flow.most or dot(flow.dz, flow.dz) <= LITTLE * dot(after, after):
+        if k == flow.most or dot(flow.dz, flow.dz) <= run.little * dot(after, after):
             open_step(run, after)
             before, left = left, missed(now, first, entropy, run.allowed)
             if left <= 1.0:

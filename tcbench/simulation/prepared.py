@@ -17,7 +17,7 @@ from ..solver.kernels_of_flow import FlowKernels
 from ..systems.least import entropy_size
 from ..systems.scenario import Scenario
 from ..systems.system import System
-from .compiled_loop import LOOPS, Run
+from .compiled_loop import LITTLE, LOOPS, Run
 
 ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
 ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
@@ -63,7 +63,7 @@ class Prepared:
             fields = {
                 "opening": opening.address, "opened": rows[0].w[n_fixed : opening.size], "n_flows": len(kernels),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
-                "mends": mends,
+                "mends": mends, "little": LITTLE ** (2 / method.flows[-1].leaves),
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(

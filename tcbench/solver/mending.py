@@ -35,7 +35,6 @@ GIVEN_ENERGY, LEAST_ENTROPY, ENTROPY_MISS, ENERGY_MISS, INVARIANTS = range(5)
 FOUND_ENTROPY, MARGIN = range(2)
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
 SHRUNK = 0.75  # of what was missed, after a move that helped
-MOVES = 3  # by the same slopes: where a step misses 1e-4, round-off is left
 MOST_MOVES = (
     24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
 )
@@ -121,11 +120,13 @@ class Along:
         return sum(direction * a for direction, a in zip(self.weighed, along, strict=False))
 
 
-def moved_along(along: Along, misses: Callable[[Any], Sequence[Any]], z: Any, at_least: bool = False) -> Any:
-    """The move from z that makes up for what laws miss there and then, MOVES times in all, for what they miss behind
-    it: of a move c about c^(MOVES + 1) is left."""
+def moved_along(
+    along: Along, misses: Callable[[Any], Sequence[Any]], z: Any, moves: int, at_least: bool = False
+) -> Any:
+    """The move from z that makes up for what laws miss there and then, `moves` times in all, for what they miss
+    behind it: of a move c about c^(moves + 1) is left."""
     move = along.move(misses(z), at_least)
-    for _ in range(1, MOVES):
+    for _ in range(1, moves):
         move = move + along.move(misses(z + move), at_least)
     return move
 
