@@ -21,7 +21,7 @@ from tcbench.plugins import find_integrator
 
 from .tc_gauss import tc_gauss
 from .tc_gauss.formulas import kink_blocks, kinks_of
-from .tc_gauss.march import CLOSER, UNSEEN, turn
+from .tc_gauss.march import CLOSER, LITTLE, UNSEEN, turn
 from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
@@ -85,11 +85,13 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
     the kink itself are compared with the slope of the cubic from end to end, as in `tc_gauss.march.jump_between`."""
     d, p, q = z1 - z, h * before[2], h * after[2]
     second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
-    gaps = [np.abs(q - p)]
+    gaps, size = [np.abs(q - p)], max(np.abs(before[0]).max(), np.abs(after[0]).max())
     for i, s in enumerate(map(turn, before[0], after[0], h * before[1], h * after[1])):
         left, right, looks = (0.0, before), (1.0, after), 0
         while s >= 0.0 and looks < CLOSER:
             if s == UNSEEN:
+                if max(abs(end[1][k][i]) * (h if k else 1.0) for end in (left, right) for k in (0, 1)) < LITTLE * size:
+                    break
                 return np.full_like(z, np.inf)
             x = left[0] + s * (right[0] - left[0])
             middle = x, kinks(z + x * (p + x * (second + x * third)))

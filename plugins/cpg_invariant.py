@@ -13,6 +13,10 @@ from .cpg import projected_gradients
 from .tc_invariant import projection
 
 
+def every_invariant(system):
+    return (independent_invariants(system),)  # the energy is missed where there is none, too
+
+
 def cpg_invariant(k="2"):
     return Integrator(
         name="cpg_invariant",
@@ -20,7 +24,7 @@ def cpg_invariant(k="2"):
         claims={"energy", "entropy", "angular_momentum"},
         source="Andrews and Farrell (2025), arXiv 2511.23266; Gonzalez (1996)",
         # a projected gradient keeps no invariant by itself
-        flows=[Flow(projected_gradients(int(k)), stages=int(k)), projection(independent_invariants)],
+        flows=[Flow(projected_gradients(int(k)), stages=int(k)), projection(every_invariant)],
         tags={"projected"},
         by_default=False,
     )

@@ -26,11 +26,12 @@ ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not 
 MOVES, WITH_THESE = 10, 3  # towards the laws at most, and as many each with the same slopes: round-off of 1e-4 is left
 
 
-def onto_invariants(z0, z1, h, system, start, first, names):
-    """z1 = z0 moved onto the energy and these invariants of `first`, without a change of entropy; explicit."""
-    if not names:
+def onto_invariants(z0, z1, h, system, start, first, chosen):
+    """z1 = z0 moved onto the energy and the chosen (names,) of invariants of `first`, without a change of entropy;
+    explicit. (): a step has moved none of them."""
+    if not chosen:
         return z1 - z0
-    held = [system.invariant_names.index(name) for name in names]
+    held = [system.invariant_names.index(name) for name in chosen[0]]
 
     def laws(z):
         momenta = system.momenta(z)
@@ -46,8 +47,13 @@ def onto_invariants(z0, z1, h, system, start, first, names):
     return z1 - z0 - moved_along(along, lambda z: [a - b for a, b in zip(wanted, laws(z), strict=True)], z0, WITH_THESE)
 
 
-def projection(names):
-    return Flow(onto_invariants, of_step=True, most=MOVES, leaves=WITH_THESE + 1, chosen=names)
+def those_that_move(system):
+    names = to_hold(system)
+    return (names,) if names else ()
+
+
+def projection(chosen):
+    return Flow(onto_invariants, of_step=True, most=MOVES, leaves=WITH_THESE + 1, chosen=chosen)
 
 
 @hookimpl
@@ -58,7 +64,7 @@ def tcbench_integrators():
             order=2,
             claims={"energy", "entropy", "angular_momentum"},
             source="Romero (2009), eq. (6), onto invariants (Gonzalez 1996; McLachlan, Quispel, Robidoux 1999)",
-            flows=[tc_monolithic, projection(to_hold)],
+            flows=[tc_monolithic, projection(those_that_move)],
             tags={"constraints"},
             uses="tc_monolithic",
         )

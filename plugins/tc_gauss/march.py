@@ -15,6 +15,7 @@ from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, extrapolate, me
 
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 UNSEEN = 2.0  # see `turn`
+LITTLE = 1e-3  # of the largest number with a kink: what others do has not come to it yet
 CLOSER = 5  # looks between two nodes at what may pass 0 there
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 ADD_UP = 64.0  # steps with a kink, from which on what they miss adds up: each may miss as much less
@@ -82,16 +83,18 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
     """The same between two nodes, whose states are `here` and `now`. What may pass 0 and come back is looked at again,
     nearer to where it is least."""
     n = w.n_kinks // 2
-    first, largest = w.n_ends - w.n_kinks, -1.0
+    first, largest, size = w.n_ends - w.n_kinks, -1.0, 0.0
+    for i in range(first, first + n):
+        size = max(size, abs(before[i]), abs(after[i]))
     for i in range(first, first + n):
         left, right, u, v = 0.0, 1.0, before[i], after[i]
         down, up, looks = h * before[i + n], h * after[i + n], 0
         while looks < CLOSER:
             s = turn(u, v, (right - left) * down, (right - left) * up)
+            if s < 0.0 or (s == UNSEEN and max(abs(u), abs(v), abs(down), abs(up)) < LITTLE * size):
+                break
             if s == UNSEEN:
                 return math.inf
-            if s < 0.0:
-                break
             x = left + s * (right - left)
             largest = larger(largest, defect_between(w, before, after, x, h))
             middle, slope = w.inside[2, i], h * w.inside[2, i + n]
@@ -106,7 +109,7 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
 def turn(u: float, v: float, slope: float, last: float) -> float:
     """The part of an interval after which a number that goes from u to v, with these slopes, changes its sign, or where
     it is nearest to 0 if its tangents meet on the other side; -1: nowhere; UNSEEN: anywhere, for what it changes by and
-    its slopes differ by more than it is from 0."""
+    its slopes differ by more than it is from 0, and it does not just go away from there."""
     if not u * v > 0.0 and u != v:
         part = u / (u - v)
         return part if part >= 0.0 else 0.5  # of what is no number
@@ -114,7 +117,8 @@ def turn(u: float, v: float, slope: float, last: float) -> float:
     down, up = way * slope, way * last
     if down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up) / (down - up) < 0.0:
         return down / (down - up)
-    return UNSEEN if abs(v - u - 0.5 * (slope + last)) > min(abs(u), abs(v)) else -1.0
+    leaves = u == 0.0 or (down >= 0.0 and up >= 0.0 and way * (v - u) >= 0.0)
+    return UNSEEN if not leaves and abs(v - u - 0.5 * (slope + last)) > min(abs(u), abs(v)) else -1.0
 
 
 def defect_between(w: Work, before: Floats, after: Floats, s: float, h: float) -> float:

@@ -54,3 +54,9 @@ def test_the_ellipse_does_not_turn():
     assert all(np.ptp(values) < 1e-12 for values in run.invariants.values()) and len(run.invariants) == 3
     turning = tcbench.simulate("cpg", ELLIPSE, dt=2 * np.pi / 100, t_end=200 * np.pi, record_every=50)
     assert np.ptp(turning.invariants["ay"]) > 1e-3  # the method that it is made of
+
+
+def test_the_energy_is_kept_where_no_invariant_is_declared():
+    """Nothing was moved there: the energy of containers changed by 1e-5 in a long step, with status ok."""
+    run = tcbench.simulate("cpg_invariant", "gas_containers", dt=1.0, t_end=5.0)
+    assert run.ok and run.summary.energy_error_max < 1e-12

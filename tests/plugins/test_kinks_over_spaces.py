@@ -66,3 +66,53 @@ def test_kinks_over_spaces_are_seen(method, kind, n, k, limit, eta):
     run = tcbench.simulate(method, scenario, tolerance=1e-5)
     assert run.ok, run.failure
     assert np.abs(run.z[-1] - exact).max() < 1e-5
+
+
+class ShockTube(System):
+    """Cells of gas between nodes and walls, with von Neumann and Richtmyer's viscosity, against a squeeze alone."""
+
+    name = "shock_tube"
+    variables = {"x": ("node",), "p": ("node",), "s": ("cell",)}
+    tables = {"ends": ("cell", 2, "node+wall")}
+    constants = {"mass": ("node",), "wall": ("wall",), "m": ("cell",), "gamma": (), "c1": (), "c2": ()}
+
+    def width(self, x):
+        left, right = np.concatenate([x, self.wall])[self.ends].T
+        return right - left
+
+    def energy(self, z):
+        power = (self.gamma - 1) * (z.s / self.m - np.log(self.width(z.x) / self.m))
+        return (z.p**2 / (2 * self.mass)).sum() + (self.m * np.exp(power) / (self.gamma - 1)).sum()
+
+    def entropy(self, z):
+        return z.s.sum()
+
+    def reversible(self, z, dE, dS):
+        return {"x": dE.p, "p": -dE.x}
+
+    def irreversible(self, z, dE, dS):
+        left, right = np.concatenate([dE.p, 0.0 * self.wall])[self.ends].T
+        squeeze = np.maximum(left - right, 0.0)
+        push = -self.m / self.width(z.x) * squeeze * (self.c1 + self.c2 * squeeze)
+        return {"p": self.ends.sums(np.stack([push, -push], axis=1)), "s": push * (right - left) / dE.s}
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+
+@pytest.mark.parametrize("middle", [7, 12, 17])
+@pytest.mark.parametrize(("method", "tolerance"), [("tc_gauss_adaptive", 1e-6), ("controlled", 1e-5)])
+def test_cells_that_rest_in_their_kink_until_a_shock_comes_do_not_end_a_run(method, tolerance, middle):
+    n, gamma = 24, 1.4
+    k = np.arange(n)
+    density, pressure = np.where(k < middle, 1.0, 0.2), np.where(k < middle, 2.0, 0.1)
+    m, nodes = density / n, np.r_[n - 1, k[:-1], n]
+    constants = {"ends": np.stack([nodes[:-1], nodes[1:]], 1), "mass": (m[:-1] + m[1:]) / 2, "wall": [0.0, 1.0], "m": m,
+                 "gamma": gamma, "c1": 0.3, "c2": 1.0}  # fmt: skip
+    entropies = m * np.log(pressure / density**gamma) / (gamma - 1)
+    initial = {"x": (k[:-1] + 1) / n, "p": np.zeros(n - 1), "s": entropies}
+    scenario = Scenario("tube", ShockTube, constants, initial=initial, t_end=0.15, dt=0.01)
+    exact = solve_ivp(Field(scenario.model).rate, (0.0, 0.15), scenario.z0, "DOP853", max_step=1e-3, rtol=1e-10,
+                      atol=1e-12).y[:, -1]  # fmt: skip
+    run = tcbench.simulate(method, scenario, tolerance=tolerance)
+    assert run.ok and np.abs(run.z[-1] - exact).max() < 10 * tolerance, run.failure
