@@ -41,9 +41,8 @@ class Flow:
     stages : int
         Further states that are unknowns of the step.
     numbers : tuple of str
-        Names of further unknowns, each a number, dimensionless. The formula has a mapping name -> number as its last
-        argument where there are any, and then returns (rows, equations): the rows as ever, and one equation for each
-        number, whose slope in it is positive.
+        Names of further numbers that are unknowns, dimensionless. Where there are any, the formula's last argument is a
+        mapping name -> number, and it returns (rows, equations), one equation a number, whose slope in it is positive.
     chosen : function, optional
         What the formula has to know of a system as a whole: chosen(system), of one with symbols for constants, is
         hashable and the formula's last argument; () of an explicit formula with `most`: there is nothing to mend.
@@ -89,8 +88,8 @@ class Flow:
         except OverflowError:
             values = {"fraction": math.inf}
         if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1, self.leaves - 1) < 0:
-            memory = "memory, the number of earlier states, from 0"
-            raise TcbenchError(f"A Flow has a finite fraction, stages from 0, most from 1 and {memory}.")
+            counts = "stages and memory, the number of earlier states, from 0, most and leaves from 1"
+            raise TcbenchError(f"A Flow has a finite fraction, {counts}.")
         for name, value in values.items():  # a step times one of float32 had its digits
             object.__setattr__(self, name, value)
 
@@ -241,9 +240,8 @@ class Integrator:
             object.__setattr__(self, name, kind(getattr(self, name)))
         ways = [way for way in WAYS if getattr(self, way) is not None]
         if len(ways) != 1:
-            self._refuse(
-                f" must give one of flows=, step=, adaptive=; it gives {' and '.join(ways) or 'none of them'}."
-            )
+            given = " and ".join(ways) or "none of them"
+            self._refuse(f" must give one of flows=, step=, adaptive=; it gives {given}.")
         own = ": formulas need none, and a call of adaptive= is a run, which makes what it needs"
         for further, way, why in (
             ("march", "step", ", which march= repeats"), ("outputs", "adaptive", ", which outputs= repeats"),
@@ -255,10 +253,8 @@ class Integrator:
         if self.flows is not None:
             flows = _as_flows(self.flows, self.variables)
             if any(flow.most > 1 for flow in flows[:-1]) or (flows[-1].most > 1 and not flows[-1].of_step):
-                self._refuse(
-                    ": most= is of the last formula alone, of the whole step (of_step=True): it is applied until the "
-                    "state at which the step ends has the laws."
-                )
+                whole = "of the whole step (of_step=True)"
+                self._refuse(f": most= is of the last formula alone, {whole}: it is applied until a step has the laws.")
             object.__setattr__(self, "flows", tuple(replace(flow, memory=self.memory) for flow in flows))
         self._check_memory()
         if self.order is None and self.adaptive is None:
