@@ -13,6 +13,7 @@ import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
 from tcbench.studies.base import known_tables
+from tcbench.studies.columns import column
 
 pytestmark = pytest.mark.usefixtures("cells_here")
 
@@ -98,15 +99,11 @@ def test_every_table_is_embedded_with_its_numbers(full):
     for name, table in tables.items():
         found = page.table(name)
         assert len(found) == len(table)
-        for column in found.select_dtypes("number"):
-            exact = column in ("energy", "entropy", "angular_momentum")
-            rounded = 6e-9 if exact else 6e-4 if column.endswith("_error") else 6e-5
-            pd.testing.assert_series_equal(
-                found[column],
-                table[column].reset_index(drop=True),
-                check_dtype=False,
-                rtol=rounded if known[name].digits < 10 else 1e-9,
-            )
+        for each in found.select_dtypes("number"):
+            digits = column(each, known[name]).digits or known[name].digits
+            digits = 9 if each in ("energy", "entropy", "angular_momentum") else min(digits, 10)
+            exact = table[each].reset_index(drop=True)
+            pd.testing.assert_series_equal(found[each], exact, check_dtype=False, rtol=6.0 * 10.0**-digits)
     assert page.table("claims")["measured"].tolist()[-1] == awkward.HOSTILE
 
 
