@@ -88,8 +88,8 @@ class Flow:
         except OverflowError:
             values = {"fraction": math.inf}
         if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1, self.leaves - 1) < 0:
-            counts = "stages and memory, the number of earlier states, from 0, most and leaves from 1"
-            raise TcbenchError(f"A Flow has a finite fraction, {counts}.")
+            memory = "memory, the number of earlier states, from 0"
+            raise TcbenchError(f"A Flow has a finite fraction, stages from 0, most from 1, leaves from 1 and {memory}.")
         for name, value in values.items():  # a step times one of float32 had its digits
             object.__setattr__(self, name, value)
 
