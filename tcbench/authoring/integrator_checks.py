@@ -147,13 +147,14 @@ def second_way(name: str, method: Integrator) -> Line:
 def _overwrites(flow: Flow, model: System) -> bool:
     """Does the formula put other symbols into the arrays that it is given?"""
     system = model.symbolic
+    known = [flow.chosen(system)] if callable(flow.chosen) else []
     given = 2 + flow.stages
     states = [system.state(trace.variables("z", model.size)) for _ in range(given + flow.memory)]
     start = system.state(trace.variables("start", model.size))
     before = [list(state) for state in states]
     extra = [*([states[2:given]] if flow.stages else []), *([start, start] if flow.of_step else [])]
     extra += [tuple(states[given:])] if flow.memory else []
-    called(flow, [states[0], states[1], trace.variable("h"), system, *extra])
+    called(flow, [states[0], states[1], trace.variable("h"), system, *extra, *known])
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
 
 

@@ -96,6 +96,7 @@ def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:
         return ""
     except TypeError:
         further = ["stages"] * bool(flow.stages) + ["start", "first"] * flow.of_step + ["before"] * bool(flow.memory)
+        further += ["numbers"] * bool(flow.numbers) + ["chosen"] * (flow.chosen is not None)
         given = ", ".join(["z0", "z1", "h", "system", *further])
         return f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} takes ({given}); yours takes {taken}."
     return ""
