@@ -18,6 +18,7 @@ from tcbench.compiler.array_kernels import array_kernel
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.once import once
 from tcbench.plugins import find_integrator
+from tcbench.solver.foresight import NO_RATES
 
 from .tc_gauss import tc_gauss
 from .tc_gauss.formulas import kink_blocks, kinks_of
@@ -80,9 +81,9 @@ def turns(before: Any, after: Any, h: float) -> list[float]:
 
 
 def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
-    """What the rates may jump by where this step meets a kink, times its length: the largest for each component; None:
-    it meets none. Both ends of the step, and the method's nodes, may lie outside of a narrow window: so the rates at
-    the kink itself are compared with the slope of the cubic from end to end, as in `tc_gauss.march.jump_between`."""
+    """The largest jump of each rate at a kink in a step from z to z1, times its length h, shape (n,); None: the step
+    meets no kink. before, after: what `kinks` gives at both ends. These may lie on either side of a narrow window, so
+    the rates at the kink itself are compared with the slope of the cubic from end to end."""
     d, p, q = z1 - z, h * before[2], h * after[2]
     second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
     gaps, size = [np.abs(q - p)], max(np.abs(before[0]).max(), np.abs(after[0]).max())
@@ -145,9 +146,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 z, t, done = twice, end if tried == left else t + tried, done + 2
             elif stuck == STUCK or turned > MOST_TURNS or h < SMALLEST * whole:
                 if kink:
-                    why = (
-                        "its rates have kinks, and where a motion sticks (dry friction) or slides along one it has none"
-                    )
+                    why = f"its rates have kinks, and {NO_RATES}"
                 if stuck:
                     why = (
                         f"a tolerance of {rtol:g} over t = {whole:g} asks for errors below round-off; take a looser "

@@ -53,8 +53,8 @@ def largest_defect(w: Work, h: float) -> float:
 
 @rare
 def jump_at_kinks(w: Work, h: float) -> float:
-    """What the rates jump by where this step meets a kink, times the time between two nodes, over sizes; -1: it meets
-    none. Nodes on both sides of a narrow window do not see what is in it."""
+    """The largest jump of the rates at a kink in this step, times the time between two nodes, over the sizes of the
+    variables; -1: the step meets no kink. Nodes on both sides of a narrow window do not see what is in it."""
     a, before, here, largest, x = w.numbers, w.start, 0, -1.0, 0.0
     copy_into(w.here, w.z)
     for j in range(w.k):
@@ -80,8 +80,8 @@ def larger(x: float, y: float) -> float:
 
 @rare
 def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
-    """The same between two nodes, whose states are `here` and `now`. What may pass 0 and come back is looked at again,
-    nearer to where it is least."""
+    """The same between two nodes that are h apart, whose states are `here` and `now`; infinite where they do not show
+    whether a number passes 0. One that may pass it and come back is looked at again, nearer to where it is least."""
     n = w.n_kinks // 2
     first, largest, size = w.n_ends - w.n_kinks, -1.0, 0.0
     for i in range(first, first + n):
@@ -107,9 +107,13 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
 
 
 def turn(u: float, v: float, slope: float, last: float) -> float:
-    """The part of an interval after which a number that goes from u to v, with these slopes, changes its sign, or where
-    it is nearest to 0 if its tangents meet on the other side; -1: nowhere; UNSEEN: anywhere, for what it changes by and
-    its slopes differ by more than it is from 0, and it does not just go away from there."""
+    """Where a number that goes from u to v in an interval changes its sign, or may: as a part of the interval. slope,
+    last: its slopes at both ends, times the length of the interval.
+
+    Where it may pass 0 and come back, because the tangents at both ends meet on the other side, it is the place where
+    it is nearest to 0. -1: nowhere. UNSEEN: both slopes miss what it changes by, by more than it is from 0, so that it
+    may do so anywhere; not if it only goes away from 0.
+    """
     if not u * v > 0.0 and u != v:
         part = u / (u - v)
         return part if part >= 0.0 else 0.5  # of what is no number

@@ -27,9 +27,12 @@ CLOSE, MORE = 1e-13, 4.0
 
 @rare
 def first(w: Work, h: float, near: float, doubt: float) -> float:
-    """The length of a step of h from its series, or up to just behind the first kink; `near` in one.
+    """The length of the step: h, or less, to end just behind the first kink; `near` at most if it begins in one.
 
-    It ends where u comes closer to 0 than its last terms, times `doubt`, too: a shorter step tells if it passes 0."""
+    It also ends where u comes so close to 0 that its series does not tell whether it passes 0: closer than `doubt`
+    times its last terms. A shorter step tells. `course.unsure` is then infinite, and behind a kink it is the time by
+    which the kink may lie elsewhere.
+    """
     for j in range(w.n_kinks):
         u, most = term(w, j, 0), moved(w, j, abs(h))
         if u == 0.0 and most != 0.0:  # it has no sign yet
@@ -57,8 +60,8 @@ def first(w: Work, h: float, near: float, doubt: float) -> float:
 
 @rare
 def crossed(w: Work, j: int, sign: float, h: float, doubt: float) -> tuple[float, float]:
-    """Two times of a step, between which u loses this sign for the first time; the same twice where it may, for
-    u is less than so many times what its series owes there; 0 and 0 where it keeps it.
+    """Two times of a step, between which u first loses this sign. Equal times: u comes closer to 0 there than `doubt`
+    times the last terms of its series. 0 and 0: u keeps its sign.
 
     On its way it goes as far as u must keep it, by its slope and a bound of its curvature: u may pass 0 and come back.
     """
@@ -91,7 +94,7 @@ def term(w: Work, j: int, k: int) -> float:
 
 
 def last_terms(w: Work, j: int, t: float) -> float:
-    """Of the series of u after t, the size of the last four: what is left out."""
+    """The size of the last four terms of u after t, which bounds what the series leaves out."""
     total = 0.0
     for k in range(w.order, w.order - 4, -1):
         total = total * t + abs(term(w, j, k))
