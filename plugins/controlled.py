@@ -94,7 +94,7 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
                 if max(abs(end[1][k][i]) * (h if k else 1.0) for end in (left, right) for k in (0, 1)) < LITTLE * size:
                     break
                 return np.full_like(z, np.inf)
-            x = left[0] + s * (right[0] - left[0])
+            x = left[0] + (s if looks % 2 == 0 else 0.5) * (right[0] - left[0])
             middle = x, kinks(z + x * (p + x * (second + x * third)))
             gaps.append(np.abs(h * middle[1][2] - (p + x * (2.0 * second + 3.0 * x * third))))
             u, m, v = (end[1][0][i] for end in (left, middle, right))

@@ -27,8 +27,11 @@ MOVES, WITH_THESE = 10, 3  # towards the laws at most, and as many each with the
 
 
 def onto_invariants(z0, z1, h, system, start, first, chosen):
-    """z1 = z0 moved onto the energy and the chosen (names,) of invariants of `first`, without a change of entropy;
-    explicit. (): a step has moved none of them."""
+    """The residual of z1 = z0 moved onto constraints, and onto the energy and the invariants that the first state of
+    the run has; explicit. The entropy stays that of z0, or is raised to that of `start`, where the step began.
+
+    chosen : (names,) of the invariants to hold; () where a step changes none: then z1 = z0.
+    """
     if not chosen:
         return z1 - z0
     held = [system.invariant_names.index(name) for name in chosen[0]]

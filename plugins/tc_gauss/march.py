@@ -15,8 +15,9 @@ from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, extrapolate, me
 
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 UNSEEN = 2.0  # see `turn`
+STEEPER = 1.5  # than at both ends may be what passes 0 between
 LITTLE = 1e-3  # of the largest number with a kink: what others do has not come to it yet
-CLOSER = 5  # looks between two nodes at what may pass 0 there
+CLOSER = 40  # looks between two nodes at what may pass 0 there
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
 ADD_UP = 64.0  # steps with a kink, from which on what they miss adds up: each may miss as much less
 SHORTEST, MOST_FAILED = 2.0**-24, 300  # part of a step, and parts that fail, before it is given up
@@ -80,8 +81,12 @@ def larger(x: float, y: float) -> float:
 
 @rare
 def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
-    """The same between two nodes that are h apart, whose states are `here` and `now`; infinite where they do not show
-    whether a number passes 0. One that may pass it and come back is looked at again, nearer to where it is least."""
+    """The same between two nodes that are h apart, whose states are `here` and `now`. before, after: the rates there,
+    and behind them each number u that rates have a kink in, and its slope.
+
+    -1: no u is 0 between them; infinite: their values do not tell. Where u has one sign at both, and may pass 0 and
+    come back, it is looked at where it is least, up to CLOSER times.
+    """
     n = w.n_kinks // 2
     first, largest, size = w.n_ends - w.n_kinks, -1.0, 0.0
     for i in range(first, first + n):
@@ -95,7 +100,7 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
                 break
             if s == UNSEEN:
                 return math.inf
-            x = left + s * (right - left)
+            x = left + (s if looks % 2 == 0 else 0.5) * (right - left)
             largest = larger(largest, defect_between(w, before, after, x, h))
             middle, slope = w.inside[2, i], h * w.inside[2, i + n]
             looks = looks + 1 if u * v > 0.0 and u * middle > 0.0 else CLOSER
@@ -110,15 +115,15 @@ def turn(u: float, v: float, slope: float, last: float) -> float:
     """Where a number that goes from u to v in an interval changes its sign, or may: as a part of the interval. slope,
     last: its slopes at both ends, times the length of the interval.
 
-    Where it may pass 0 and come back, because the tangents at both ends meet on the other side, it is the place where
-    it is nearest to 0. -1: nowhere. UNSEEN: both slopes miss what it changes by, by more than it is from 0, so that it
+    Where lines STEEPER than those slopes meet on the other side, it may pass 0 and come back: it is looked at where its
+    slope would be 0. -1: nowhere. UNSEEN: both slopes miss what it changes by, by more than it is from 0, so that it
     may do so anywhere; not if it only goes away from 0.
     """
     if not u * v > 0.0 and u != v:
         part = u / (u - v)
         return part if part >= 0.0 else 0.5  # of what is no number
     way = 1.0 if u > 0.0 else -1.0
-    down, up = way * slope, way * last
+    down, up = STEEPER * way * slope, STEEPER * way * last
     if down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up) / (down - up) < 0.0:
         return down / (down - up)
     leaves = u == 0.0 or (down >= 0.0 and up >= 0.0 and way * (v - u) >= 0.0)

@@ -14,7 +14,8 @@ from tcbench.compiler.language import rare
 from .memory import Work
 
 LOOK = 2.0**-18  # of a step: where u has another sign for less that may not be seen
-LOOK_DOUBTFUL = 2.0**-10  # the same of a step that ends there anyway
+LOOK_DOUBTFUL = 2.0**-10  # the same of a step that ends there anyway, and after so many looks:
+MOST_LOOKS = 4000
 DOUBT = 4.0  # times the last terms of u: what its series may owe
 SHORT, MOST = 1e-4, 20  # part of a step; so many in a row, and one a kink, that these make shorter: formulas have jumps
 PARTS, EACH = 100, 40  # of a fixed step at most, and so many a kink
@@ -69,8 +70,10 @@ def crossed(w: Work, j: int, sign: float, h: float, doubt: float) -> tuple[float
     bent = 0.0
     for k in range(w.order, 1, -1):
         bent = bent * size + abs(term(w, j, k)) * k * (k - 1)
-    high, value, doubtful, look = 0.0, sign * term(w, j, 0), 0.0, LOOK
+    high, value, doubtful, look, looks = 0.0, sign * term(w, j, 0), 0.0, LOOK, 0
     while high < size:
+        looks += 1
+        look = LOOK_DOUBTFUL if looks == MOST_LOOKS else look
         low, slope = high, sign * way * slope_at(w, j, way * high)
         root = math.sqrt(slope * slope + 2.0 * bent * value)
         sure = 2.0 * value / (root - slope) if root > slope else size

@@ -44,8 +44,8 @@ CERTAIN = 2.0  # a prediction as many times what is left of a time limit is no m
 FIRST, AIM, MOST_FASTER, LOOK = 10_000, 0.01, 10.0, 0.1
 SHARE = 0.005  # of its time that such a run has covered when its rest is told
 NO_RATES = (
-    "where a motion sticks (dry friction) or slides along one it has none; make the change smooth, as tanh(v/v0) does "
-    "for sign(v)"
+    "where a motion sticks (dry friction) or slides along one, or the energy jumps, they lead nowhere; make the change "
+    "smooth, as tanh(v/v0) does for sign(v)"
 )
 CGROUP = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 

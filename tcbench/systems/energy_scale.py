@@ -47,13 +47,15 @@ def energy_moved(model: System, z0: NDArray[np.float64], t_end: float) -> float:
     """What goes from some numbers of a state into others on the first steps of a solver; 0 where there are none."""
     from scipy.integrate import LSODA, RK45
 
-    rate = model.free_rate if model.multipliers else model.vector_field
+    from .right_hand_side import Field
+
+    rate = Field(model).rate if model.multipliers else lambda t, z: np.asarray(model.vector_field(z))
     kind = LSODA if len(z0) <= DENSE else RK45
     work, most = np.zeros(len(z0)), 0.0
     with np.errstate(all="ignore"):
         try:
             solver = kind(
-                lambda t, z: np.asarray(rate(z)), 0.0, np.array(z0), t_end, rtol=TOLERANCE,
+                rate, 0.0, np.array(z0), t_end, rtol=TOLERANCE,
                 atol=TOLERANCE * np.asarray(model.least_each), max_step=t_end / PIECES,
             )  # fmt: skip
             z, slope = np.array(z0), np.asarray(model.gradient(z0))

@@ -5,7 +5,7 @@ import pytest
 from tcbench_plugins.controlled import controlled
 
 import tcbench
-from tcbench import Integrator, TcbenchError
+from tcbench import Integrator, Scenario, System, TcbenchError
 from tcbench.reference.lookup import reference_for
 
 
@@ -61,3 +61,34 @@ def test_every_one_step_method_can_be_controlled_and_nothing_else():
     assert not {"scipy_odeint", "controlled", "tc_gauss_adaptive"} & set(allowed)
     with pytest.raises(TcbenchError, match="one-step"):
         controlled(tcbench.integrators()["scipy_odeint"])
+
+
+class Disc(System):
+    """Two springs, and friction within a small disc."""
+
+    name = "disc"
+    variables = {"x": (2,), "p": (2,), "s": ()}
+    constants = {"k": (2,)}
+
+    def energy(self, z):
+        return (z.p**2).sum() / 2 + (self.k * z.x**2).sum() / 2 + np.exp(z.s)
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"x": dE.p, "p": -dE.x}
+
+    def irreversible(self, z, dE, dS):
+        c = np.where(np.sqrt(z.x[0] ** 2 + z.x[1] ** 2) < 0.02, 20.0, 0.0)
+        return {"p": -c * dE.p, "s": c * (dE.p**2).sum() / dE.s}
+
+
+@pytest.mark.parametrize("t_end", [1.9, 2.0, 2.3, 3.0])
+def test_a_small_disc_is_not_passed_in_one_step(t_end):
+    """Distances to it at both ends of a step, and their slopes, said that it was not met."""
+    start = {"x": [1.0, 0.14142], "p": [0.0, 0.15], "s": 0.0}
+    scenario = Scenario("disc", Disc, {"k": [1.0, 2.0]}, initial=start, t_end=t_end, dt=0.1)
+    exact = tcbench.simulate("tc_taylor", scenario, tolerance=1e-9).z[-1]
+    run = tcbench.simulate("controlled", scenario, tolerance=1e-3, times=[t_end])
+    assert exact[-1] > 0.2 and run.ok and np.abs(run.z[-1] - exact).max() < 1e-2

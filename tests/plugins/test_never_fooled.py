@@ -346,6 +346,7 @@ def test_a_wall_far_away_gives_a_size_to_what_moves_towards_it(k, at, width):
 
 FORMS = {
     "abs": lambda x, w: np.abs(x) < w, "square": lambda x, w: x**2 < w**2, "both": lambda x, w: (x > -w) & (x < w),
+    "fourth": lambda x, w: x**4 < w**4,
 }  # fmt: skip
 
 
