@@ -1,16 +1,19 @@
-"""Builds the sdist and the wheel, checks both, and runs them on each Python that is found, without the repository.
+"""Builds the sdist and the wheel, looks into both, and runs them on each Python that is found, without the repository.
 
 For each interpreter: a fresh environment, the wheel, README's first command on a small selection from an empty
 folder, and from the unpacked sdist the tests of the command line; on Pythons other than this one the laws, too.
 TCBENCH_PYTHONS adds interpreters, separated as in PATH.
 """
 
+import email
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
 import tempfile
+import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -50,6 +53,26 @@ def build(folder):
     return sdist, wheel
 
 
+def look_at(sdist, wheel):
+    """The sdist has every file that git knows, the wheel the program and nothing else, its metadata what is true."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    files = {name for name in listed if (ROOT / name).is_file()}
+    with tarfile.open(sdist) as archive:
+        missing = files - {name.partition("/")[2] for name in archive.getnames()}
+    assert not missing, f"the sdist lacks {missing}"
+    archive = zipfile.ZipFile(wheel)
+    names = archive.namelist()
+    code = {n.replace("plugins/", "tcbench_plugins/", 1) if n.startswith("plugins/") else n
+            for n in files if n.startswith(("tcbench/", "plugins/"))}  # fmt: skip
+    assert code == {n for n in names if ".dist-info/" not in n}, "the wheel has other files than tcbench/ and plugins/"
+    found = email.message_from_bytes(archive.read(next(n for n in names if n.endswith(".dist-info/METADATA"))))
+    assert re.fullmatch(r"\d+\.\d+\.\d+(\.dev\d+)?", found["Version"].partition("+")[0]), found["Version"]
+    for licence in ("LICENSE", "fdlibm.txt", "vendor/LICENSES.txt"):
+        assert any(".dist-info/licenses/" in n and n.endswith(licence) for n in names), licence
+    links = [t for t in re.findall(r"\]\(([^)]*)\)", found.get_payload()) if not t.startswith(("http", "#"))]
+    assert not links, f"the text for a package index links to {links}"
+
+
 def try_on(python, wheel, source, folder):
     """The wheel in a fresh environment of this interpreter."""
     run(python, "-m", "venv", folder)
@@ -66,6 +89,7 @@ def main():
         folder = Path(name)
         os.environ.setdefault("TCBENCH_CACHE_DIR", str(folder / "cache"))
         sdist, wheel = build(folder / "dist")
+        look_at(sdist, wheel)
         with tarfile.open(sdist) as archive:
             archive.extractall(folder, filter="data")
         source = folder / sdist.name.removesuffix(".tar.gz")

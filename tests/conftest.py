@@ -12,7 +12,7 @@ settings.register_profile("tcbench", deadline=None, max_examples=60, derandomize
 settings.load_profile("tcbench")
 SLOW = {"test_cli", "test_docs", "test_readme", "test_notebooks", "test_machine", "test_kernel_cache", "test_history"}
 SLOW |= {"test_net", "test_array_flow", "test_ensemble", "test_shared_runs", "test_size"}
-THOROUGH = {"browser", "built", "dask"}  # fixtures whose tests are of the second tier
+THOROUGH = {"browser", "dask"}  # fixtures whose tests are of the second tier
 
 # half of what a process takes to start is compiling what it imports: they do it once, beside the sources
 sys.dont_write_bytecode = False

@@ -1,6 +1,7 @@
 """The house as docs/architecture.md describes it: packages, layers, what the walks name, and the plugins' door."""
 
 import ast
+import functools
 import re
 import tomllib
 from graphlib import TopologicalSorter
@@ -41,6 +42,11 @@ def test_no_module_imports_one_that_imports_it():
     TopologicalSorter({m: graph.find_modules_directly_imported_by(m) for m in graph.modules}).prepare()
 
 
+@functools.cache
+def tree(path):
+    return ast.parse(path.read_text("utf-8"))
+
+
 def defined(path):
     """Whether `tcbench.` + path is a module, or a name that one defines (also in a class)."""
     parts = path.split(".")
@@ -48,7 +54,7 @@ def defined(path):
         file = HOUSE.joinpath(*parts[:i])
         file = file.with_suffix(".py") if file.with_suffix(".py").is_file() else file / "__init__.py"
         if file.is_file():
-            body, rest = ast.parse(file.read_text("utf-8")).body, parts[i:]
+            body, rest = tree(file).body, parts[i:]
             for name in rest:
                 found = [n for n in body if name in names_of(n)]
                 if not found:
@@ -75,7 +81,7 @@ def test_what_the_walks_name_is_there():
 def imports_of_tcbench():
     """(module below tcbench, name) of every import in the plugins, and the private attributes that they use."""
     for path in PLUGINS:
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "tcbench" and not node.level:
                 for alias in node.names:
                     yield path.name, node.module, alias.name
@@ -108,33 +114,10 @@ def test_plugins_use_public_names_that_the_reference_lists():
 def test_plugins_use_no_private_attribute_of_tcbenchs_objects():
     assert len(PLUGINS) > 20
     for path in PLUGINS:
-        tree = ast.parse(path.read_text("utf-8"))
-        own = {n.attr for n in ast.walk(tree) if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store)}
-        own |= {n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)}
-        for node in ast.walk(tree):
+        nodes = [*ast.walk(tree(path))]
+        own = {n.attr for n in nodes if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store)}
+        own |= {n.name for n in nodes if isinstance(n, ast.FunctionDef)}
+        for node in nodes:
             if isinstance(node, ast.Attribute) and node.attr.startswith("_") and node.attr not in own:
                 public = node.attr in ("_replace", "_asdict", "_fields")  # of NamedTuples
                 assert public or (node.attr[:2] == "__" and node.attr != "__wrapped__"), f"{path}: {node.attr}"
-
-
-FLOATS = re.compile(r"\b(floats?|Floats|NDArray|ndarray|DataFrame|Row)\b")
-GIVEN = {"Flow", "Scenario", "Range", "Axis"}  # what a user gives, no result: compared by what was given
-
-
-def records_of_floats(path):
-    """Names of the dataclasses in a file that hold floats, arrays or tables, and are compared field by field."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        made = [ast.unparse(d) for d in node.decorator_list] if isinstance(node, ast.ClassDef) else []
-        if any(re.match(r"(dataclasses\.)?dataclass\b(?!.*eq=False)", d) for d in made):
-            fields = [n for n in node.body if isinstance(n, ast.AnnAssign) and "compare=False" not in ast.unparse(n)]
-            if any(FLOATS.search(a) and "Callable" not in a for a in (ast.unparse(f.annotation) for f in fields)):
-                yield node.name
-
-
-def test_no_record_of_results_is_compared_as_a_dataclass_compares(tmp_path):
-    """NaN in a field is equal to itself before Python 3.13 and not after; arrays raise. `eq=False` or an own __eq__."""
-    files = [path for folder in ("tcbench", "plugins") for path in (ROOT / folder).rglob("*.py")]
-    found = {name for path in files for name in records_of_floats(path)}
-    assert found == GIVEN
-    (tmp_path / "a.py").write_text("@dataclass(frozen=True)\nclass A:\n    x: dict[str, float]\n    y: int\n")
-    assert [*records_of_floats(tmp_path / "a.py")] == ["A"]

@@ -19,12 +19,6 @@ from tcbench.cli import main
 pytestmark = pytest.mark.usefixtures("cells_here")
 
 
-def process(*args, cwd=None):
-    """As `tcbench`, by a process of its own."""
-    command = [sys.executable, "-m", "tcbench", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd)
-
-
 def printed_without(heavy, *words):
     """What a command prints in a process of its own, in which none of these modules is imported for it."""
     code = (
@@ -100,22 +94,26 @@ def test_a_trajectory_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_simulate_loads_nothing_that_it_does_not_need():
     code = (
         "import os, sys\nfrom click.testing import CliRunner\nfrom tcbench.cli import main\n"
-        "print(CliRunner().invoke(main, ['simulate', 'tc_monolithic', 'short_term']).output)\n"
+        "print(CliRunner().invoke(main, ['simulate', 'tc_monolithic', *sys.argv[1:]]).output)\n"
         "heavy = {'scipy', 'pandas', 'matplotlib', 'tcbench.runner'} & set(sys.modules)\n"
         "print(os.environ.get('OPENBLAS_NUM_THREADS'), sorted(heavy))\n"
     )
-    for asked, used in ((None, "1"), ("2", "2")):
+    for asked, used, scenario, told in (
+        (None, "1", "short_term", "energy_error_max"),
+        ("2", "2", "nowhere", "No scen"),
+    ):
         env = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
         env |= {"OPENBLAS_NUM_THREADS": asked} if asked else {}
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=env)
-        assert "energy_error_max" in done.stdout and done.stdout.strip().endswith(f"{used} []")
+        command = [sys.executable, "-c", code, scenario]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=env)
+        assert told in done.stdout and done.stdout.strip().endswith(f"{used} []")
 
 
 def test_run_writes_tables_and_a_manifest_and_resumes(tmp_path):
     out = tmp_path / "my runs"
     chosen = ("-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--study", "conservation")
     args = ("run", *chosen, "--dt", 0.1, "--dt", 0.3, "-o", out)
-    first = process(*args)
+    first = tcbench(*args)
     assert first.returncode == 0, first.stderr
     assert "stiff_spring" in first.stdout and "blowup" in first.stdout and "4 cells" in first.stdout
     assert shlex.split(first.stdout.partition("To see them: ")[2].splitlines()[0]) == ["tcbench", "show", str(out)]

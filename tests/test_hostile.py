@@ -13,6 +13,7 @@ from pathlib import Path
 import awkward
 import pytest
 from click.testing import CliRunner
+from command import tcbench
 
 from tcbench.cli import main
 from tcbench.errors import TcbenchError, visible
@@ -28,8 +29,8 @@ BASELINE = Path(__file__).resolve().parents[1] / "results" / "baseline"
 
 @pytest.fixture
 def folder(tmp_path):
-    shutil.copytree(BASELINE, tmp_path / "run")
-    return tmp_path / "run"
+    tables = {"conservation": awkward.conservation(["tc_monolithic"], ["short_term"])}
+    return awkward.write_run(tmp_path / "run", tables, (), awkward.declared(["tc_monolithic"], ["short_term"]))
 
 
 def test_no_link_is_followed_for_the_lock(tmp_path):
@@ -82,11 +83,6 @@ def test_names_do_not_steer_the_terminal(tmp_path):
     assert shown.returncode == 0 and "\x1b" not in shown.stdout + shown.stderr and "\\x1b[31mtc" in shown.stdout
 
 
-def tcbench(*arguments, **options):
-    command = [sys.executable, "-m", "tcbench", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300, **options)
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="of Linux")
 @pytest.mark.parametrize("end", [">/dev/full", ">&-"])
 def test_output_that_cannot_be_written_is_a_sentence(end):
@@ -103,7 +99,8 @@ def test_a_null_byte_is_a_sentence(words):
     assert (done.exit_code, done.stderr) == (2, "Error: a name has a null byte in it, which no file can have.\n")
 
 
-def test_a_damaged_provenance_is_an_unknown_machine(folder):
+def test_a_damaged_provenance_is_an_unknown_machine(tmp_path):
+    shutil.copytree(BASELINE, folder := tmp_path / "run")
     (folder / "provenance").mkdir()
     (folder / "provenance" / "x.json").write_text(json.dumps({"machine": "x"}))
     assert "different machines" in other_machine(folder, BASELINE) and compare(folder, BASELINE).empty

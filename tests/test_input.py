@@ -171,6 +171,7 @@ def test_a_dry_run_refuses_what_the_run_does_and_no_row_is_set_aside_for_it(word
     assert (tmp_path / "kept" / "cells.jsonl").read_text() == "{}\n"
 
 
+@pytest.mark.usefixtures("here")
 def test_a_dry_run_into_a_folder_without_a_run_and_a_fresh_one_say_that_all_is_to_be_run(tmp_path):
     assert "1 cell: 0 finished, 1 to run" in command(*ONE, "--dry-run", "-o", tmp_path).stdout
     assert not list(tmp_path.iterdir())

@@ -58,6 +58,7 @@ def test_a_table_is_written_for_a_paper(tmp_path):
     assert alone.exit_code == 2 and "--table NAME" in alone.output
 
 
+@pytest.mark.usefixtures("here")
 def test_a_map_says_its_step_and_takes_another(tmp_path):
     words = ["map", "tc_monolithic", "short_term", "--x", "stiffness=1:2:2", "--y", "temperatures=1:1.1:2", "-q"]
     done = CliRunner().invoke(main, [*words, "--dt", "0.2", "-o", str(tmp_path / "map")])

@@ -11,15 +11,15 @@ from tcbench.building_blocks import divided_difference, divided_differences
 from tcbench.systems.pendulum import Pendulum
 
 CHOICES = {
-    "maximum": lambda q: q**2 / 2 + 3 * np.maximum(q - 0.3, 0.0) ** 2,
+    "maximum, minimum": lambda q: q**2 + 3 * np.maximum(q - 0.3, 0.0) ** 2 - 0.3 * np.minimum(q + 0.4, 0.0) ** 3,
     "of two forces": lambda q: np.maximum(q**2 / 2, 2 * (q - 0.2) ** 2 - 0.1),
-    "minimum": lambda q: q**2 - 0.3 * np.minimum(q + 0.4, 0.0) ** 3,
-    "where": lambda q: np.where(q > 0.1, 2 * (q - 0.1) ** 2, (q - 0.1) ** 2 / 2),
-    "where not": lambda q: np.where(~(q < -0.2), q**2 / 2, q**2 / 2 + (q + 0.2) ** 4),
-    "where both": lambda q: q**2 / 2 + np.where((q > 0) & (q <= 0.5), q**2 * (q - 0.5) ** 2 * 9, 0.0),
-    "where one": lambda q: q**2 / 2 + np.where((q >= 0.7) | (q < 0.2), (q - 0.7) ** 2 * (q - 0.2) ** 2, 0.0),
-    "clip": lambda q: q**2 / 2 + np.clip(q, -0.25, 0.5) ** 3,
-    "sign": lambda q: q**2 * (1.5 + np.sign(q)),
+    "where, clip": lambda q: np.where(q > 0.1, 2 * (q - 0.1) ** 2, (q - 0.1) ** 2 / 2) + np.clip(q, -0.25, 0.5) ** 3,
+    "where not, sign": lambda q: np.where(~(q < -0.2), 0.0, (q + 0.2) ** 4) + q**2 * (1.5 + np.sign(q)),
+    "where both, where one": lambda q: (
+        q**2 / 2
+        + np.where((q > 0) & (q <= 0.5), q**2 * (q - 0.5) ** 2 * 9, 0.0)
+        + np.where((q >= 0.7) | (q < 0.2), (q - 0.7) ** 2 * (q - 0.2) ** 2, 0.0)
+    ),
     "a factor": lambda q: q**2 / 2 + (q > 0.4) * (q - 0.4) ** 2,
 }
 

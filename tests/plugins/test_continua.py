@@ -122,7 +122,10 @@ def test_the_matrix_of_newton_is_that_of_differences_where_sums_are_unknowns_of_
     assert np.allclose(condensed, differences, atol=1e-11 * np.abs(differences).max())
 
 
-@pytest.mark.parametrize("name", ["gas_tube[n=100]", "rod[n=6]", "cahn_hilliard[n=5]"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("gas_tube[n=100]", marks=pytest.mark.thorough), "gas_tube[n=25]", "rod[n=6]", "cahn_hilliard[n=5]"],
+)
 def test_check_finds_the_conditions_of_continua_kept(name):
     """Also of states with thin cells: a hundredth of such a state is many of their widths."""
     rows = operators(tcbench.integrators()["tc_monolithic"], plugins.find_scenario(name))

@@ -152,10 +152,14 @@ def at_rest_in_notch(k, at, width, c, left):
 
 
 @pytest.mark.parametrize(
-    ("k", "at", "width", "c"),
-    [(1.15, 1.46, 1.0, 1.0), (1.0, 0.0, 0.4, 0.5), (3.0, -0.7, 1.0, 0.8), (0.3, 0.2, 2.0, 0.9), (20.0, 0.1, 0.7, 0.3)],
+    ("k", "at", "width", "c", "tolerance"),
+    [
+        (1.15, 1.46, 1.0, 1.0, 1e-4),
+        (1.0, 0.0, 0.4, 0.5, 1e-8),
+        (3.0, -0.7, 1.0, 0.8, 1e-8),
+        (20.0, 0.1, 0.7, 0.3, 1e-4),
+    ],
 )
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
 def test_hundreds_of_kinks_in_ever_shorter_arcs_miss_no_more_than_one(k, at, width, c, tolerance):
     """A step ended up to a tolerance behind its kink, with the force of before: the phase missed 250 tolerances."""
     constants, t_end = {"k": k, "at": at, "width": width, "c": c}, 8.0
@@ -249,7 +253,7 @@ def test_a_projected_solver_stops_at_kinks(name):
     moved = scenario.replace(initial={"q": 0.7 + 1e-7, "p": 0.3, "s": 0.0})
     exact, beside = (tcbench.simulate("tc_auto", x, tolerance=1e-12, times=times).z for x in (scenario, moved))
     condition = max(1.0, np.abs(beside - exact).max() / 1e-7)
-    for tolerance in (1e-4, 1e-6, 1e-9):
+    for tolerance in (1e-4, 1e-9):
         run = tcbench.simulate("projected[method=scipy_dop853]", scenario, tolerance=tolerance, times=times)
         assert run.ok and run.summary.energy_error_max < 1e-11, run.failure
         assert np.abs(run.z - exact).max() < ALLOWED * tolerance * condition, tolerance
@@ -268,9 +272,8 @@ class HighPower(Moving):
 
 @pytest.mark.parametrize(
     ("N", "k", "p", "t_end", "tolerance"),
-    [(26, 1.0, 0.9, 9.0, 1e-5), (40, 1.0, 0.8, 20.0, 1e-6), (30, 1.0, 2.0, 9.0, 1e-4), (18, 3.0, 1.0, 12.0, 1e-6),
-     (60, 0.5, 1.0, 8.0, 1e-5)],
-)  # fmt: skip
+    [(40, 1.0, 0.8, 20.0, 1e-6), (30, 1.0, 2.0, 9.0, 1e-4), (18, 3.0, 1.0, 12.0, 1e-6)],
+)
 def test_a_step_that_a_method_halves_by_itself_is_compared_with_others(N, k, p, t_end, tolerance):
     """Both halves of a step were what the whole one had been made of: no gap, and 1e3 tolerances at any tolerance."""
     made = type("HighPower", (HighPower,), {"N": N})
@@ -294,7 +297,7 @@ class Switched(Pulse):
         return z.p**2 / 2 + z.q**2 / 2 - self.k * z.q * np.sign(z.tau - self.at) + z.g + 300.0 * z.s
 
 
-@pytest.mark.parametrize(("k", "at"), [(0.6, 3.0), (0.3, 1.4), (2.0, 7.7)])
+@pytest.mark.parametrize(("k", "at"), [(0.6, 3.0), (2.0, 7.7)])
 def test_an_energy_that_jumps_is_told(k, at):
     """projected moved the state onto the energy of before: 5e3 to 3e8 tolerances, with status ok."""
     for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled", "projected[method=scipy_dop853]"):
@@ -302,7 +305,6 @@ def test_an_energy_that_jumps_is_told(k, at):
         assert run.status in ("nonconverged", "nonfinite"), method
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("potential", "right", "left"),
     [
@@ -311,7 +313,7 @@ def test_an_energy_that_jumps_is_told(k, at):
         (lambda q: np.where(q > 0, q, -2 * q), 1.0, -2.0),
     ],
 )  # fmt: skip
-def test_a_run_may_begin_exactly_in_a_kink(potential, right, left, side):
+def test_a_run_may_begin_exactly_in_a_kink(potential, right, left):
     """The matrix of collocation had the slope of the jump, 1e60, and no step was short enough."""
 
     class Edge(Moving):
@@ -319,12 +321,13 @@ def test_a_run_may_begin_exactly_in_a_kink(potential, right, left, side):
             return potential(q)
 
     constants = {"k": 1.0, "at": 0.0, "width": 1.0, "c": 0.0}
-    scenario = Scenario("edge", Edge, constants, initial={"q": 0.0, "p": side, "s": 0.0}, t_end=0.4, dt=0.1)
-    place = side * 0.4 - (right if side > 0 else left) * 0.08
-    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled"):
-        run = tcbench.simulate(method, scenario, tolerance=1e-6)
-        assert run.ok and run.z[-1, 0] == pytest.approx(place, abs=1e-5), (method, run.failure)
-    assert tcbench.simulate("tc_gauss", scenario).z[-1, 0] == pytest.approx(place, abs=1e-12)
+    for side, slope in ((1.0, right), (-1.0, left)):
+        scenario = Scenario("edge", Edge, constants, initial={"q": 0.0, "p": side, "s": 0.0}, t_end=0.4, dt=0.1)
+        place = side * 0.4 - slope * 0.08
+        for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled"):
+            run = tcbench.simulate(method, scenario, tolerance=1e-6)
+            assert run.ok and run.z[-1, 0] == pytest.approx(place, abs=1e-5), (method, run.failure)
+        assert tcbench.simulate("tc_gauss", scenario).z[-1, 0] == pytest.approx(place, abs=1e-12)
 
 
 class Wall(Moving):
@@ -332,9 +335,7 @@ class Wall(Moving):
         return self.k * np.exp((q - self.at) / self.width)
 
 
-@pytest.mark.parametrize(
-    ("k", "at", "width"), [(0.1, 21.0, 0.5), (3.0, 30.0, 0.5), (1.0, 9.0, 0.1), (1e-3, 60.0, 0.7), (50.0, 14.0, 0.2)]
-)
+@pytest.mark.parametrize(("k", "at", "width"), [(0.1, 21.0, 0.5), (1.0, 9.0, 0.1), (1e-3, 60.0, 0.7)])
 def test_a_wall_far_away_gives_a_size_to_what_moves_towards_it(k, at, width):
     """The place was measured by 4e-183: a move to behind the wall, where the energy is 1e203, was scaled down."""
     scenario = unseen(Wall, k, at, width, t_end=1.5 * at)
@@ -380,9 +381,14 @@ def passed_through(at, width, c, z, t, t_end):
     return z
 
 
-@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(
-    ("at", "width", "c"), [(0.7, 0.002, 40.0), (-0.4, 0.001, 40.0), (0.1, 0.003, 20.0), (0.3, 1e-4, 500.0)]
+    ("form", "at", "width", "c"),
+    [
+        ("abs", 0.7, 0.002, 40.0),
+        ("square", -0.4, 0.001, 40.0),
+        ("both", 0.1, 0.003, 20.0),
+        ("fourth", 0.3, 1e-4, 500.0),
+    ],
 )
 def test_no_method_steps_over_a_narrow_window_of_friction(form, at, width, c):
     """Nodes on both sides of a window saw nothing of it: errors of 0.1 with status ok, at every tolerance."""

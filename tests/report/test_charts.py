@@ -61,7 +61,7 @@ def test_a_chart_draws_any_number_of_methods(chart, methods, tmp_path):
     figure.savefig(tmp_path / "chart.png", dpi=40)
 
 
-@pytest.mark.parametrize("rows", ["all NaN", "none"])
+@pytest.mark.parametrize("rows", ["all NaN", pytest.param("none", marks=pytest.mark.thorough)])
 @each_chart
 def test_a_chart_of_nothing_is_drawn_and_not_an_error(chart, rows, tmp_path):
     (table, *_), kept = tables_of(chart, awkward.FIVE), ("runs", "without_reference", "target")
@@ -247,7 +247,7 @@ def test_a_method_need_not_be_in_every_table_to_be_drawn(tmp_path):
     assert plot.plot("conservation", baseline, tmp_path / "one.png", **options).exists()
 
 
-@pytest.mark.parametrize("name", ["work-precision", "convergence", "conservation", "stable-step"])
+@pytest.mark.parametrize("name", ["work-precision", "stable-step"])
 def test_the_page_selects_from_a_table_once_and_not_once_a_line(name, monkeypatch):
     counts = []
     selected = (pd.DataFrame, "__getitem__"), (pd.Series, "__getitem__"), (pd.Series, "take"), (pd.DataFrame, "take")
@@ -345,7 +345,7 @@ def many(tmp_path_factory):
     return awkward.write_run(tmp_path_factory.mktemp("many") / "run", tables, (), DECLARED)
 
 
-@pytest.mark.parametrize("kind", ["work-precision", "conservation", "laws"])
+@pytest.mark.parametrize("kind", ["work-precision", "laws"])
 def test_a_picture_draws_those_in_their_colour_and_the_rest_in_grey(kind, many):
     folder = many
     figure = tcbench.draw(kind, folder, scenario="short_term")

@@ -46,15 +46,16 @@ def test_a_chart_is_drawn_into_an_axes_with_names_and_order_of_ones_own(table):
 def test_size_font_and_style_are_those_asked_for(table, tmp_path):
     sheet = tmp_path / "mine.mplstyle"
     sheet.write_text("lines.linewidth: 3.5\naxes.edgecolor: red\n")
-    figure = tcbench.draw("conservation", table, size=(9.0, 4.0), font_size=12, style=sheet)
-    plain = tcbench.draw("conservation", table)
+    one = {"kind": "conservation", "data": table, "y": "energy_error_max"}
+    figure = tcbench.draw(**one, size=(9.0, 4.0), font_size=12, style=sheet)
+    plain = tcbench.draw(**one)
     assert tuple(figure.get_size_inches()) == pytest.approx((9.0, 4.0))
     ax, before = figure.axes[0], plain.axes[0]
     assert ax.xaxis.label.get_size() == 12 and before.xaxis.label.get_size() == 9
     assert ax.spines["left"].get_edgecolor()[0] == 1.0 and before.spines["left"].get_edgecolor()[0] != 1.0
     sheet.write_text("font.size: 6\naxes.labelsize: 20\n")
-    assert tcbench.draw("conservation", table, style=sheet).axes[0].xaxis.label.get_size() == 20
-    assert tcbench.draw("conservation", table, style=sheet, font_size=7).axes[0].xaxis.label.get_size() == 7
+    assert tcbench.draw(**one, style=sheet).axes[0].xaxis.label.get_size() == 20
+    assert tcbench.draw(**one, style=sheet, font_size=7).axes[0].xaxis.label.get_size() == 7
     for message, options in {
         "are too few for the panels": {"size": "1x1"}, "is no size": {"size": (3, 2, 1)}, "sets nothing": {"style": {}},
         "no matplotlib style": {"style": {"font.sze": 3}}, "between 3 and 40": {"font_size": 0.1},
@@ -78,7 +79,7 @@ def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
         assert drawn[1] == pytest.approx([2 * value for value in drawn[0]])
 
 
-FIRST = ("work-precision", "stable-step")  # a legend and rows; each is drawn at up to five sizes of type
+FIRST = ("conservation", "stable-step")  # a legend and rows; each is drawn at up to five sizes of type
 
 
 @pytest.mark.parametrize(
@@ -94,13 +95,14 @@ def test_every_kind_of_chart_fits_the_column_of_a_journal(kind):
 
 
 def test_the_users_own_settings_of_matplotlib_count(table):
+    one = {"kind": "conservation", "data": table, "y": "energy_error_max"}
     with matplotlib.rc_context({"axes.grid": False, "font.size": 12.0, "axes.labelcolor": "red"}):
-        ax = tcbench.draw("conservation", table).axes[0]
+        ax = tcbench.draw(**one).axes[0]
     assert ax.xaxis.label.get_color() == "red" and ax.xaxis.label.get_fontsize() == 12.0
-    assert tcbench.draw("conservation", table).axes[0].xaxis.label.get_color() == theme.INK
-    lines = tcbench.draw("conservation", table, style="grayscale").axes[0].lines
+    assert tcbench.draw(**one).axes[0].xaxis.label.get_color() == theme.INK
+    lines = tcbench.draw(**one, style="grayscale").axes[0].lines
     assert lines[0].get_color() == "0.00"
-    dark = tcbench.draw("conservation", table, style="dark_background")
+    dark = tcbench.draw(**one, style="dark_background")
     assert dark.legends[0].get_texts()[0].get_color() == "white"
     assert dark.get_facecolor() == (0, 0, 0, 1)
 
@@ -125,7 +127,8 @@ def test_a_picture_for_a_paper_from_the_command_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run = ["run", "-i", "tc_monolithic", "-i", "midpoint_entropy", "-s", "stiff_spring", "--study", "conservation"]
     assert CliRunner().invoke(main, [*run, "-q"]).exit_code == 0
-    words = ["--size", "12x8cm", "--font-size", "7", "--methods", "midpoint_entropy=Midpoint,tc_monolithic=TC"]
+    words = ["--size", "12x8cm", "--y", "energy_error_max", "--font-size", "7"]
+    words += ["--methods", "midpoint_entropy=Midpoint,tc_monolithic=TC"]
     done = CliRunner().invoke(main, ["plot", "conservation", *words, "-o", "a.svg"])
     assert done.exit_code == 0, done.output
     text = (tmp_path / "a.svg").read_text()

@@ -37,20 +37,18 @@ def scenarios(*names):
     return [known[name] for name in names or known]
 
 
-@pytest.fixture(scope="module")
-def table():
+@pytest.mark.parametrize("names", [["short_term"], pytest.param([], marks=pytest.mark.thorough)], ids=["one", "all"])
+def test_verdicts_are_those_of_the_ledger(names):
+    """The table of docs/truth.md for nine statements, `holds` for all others."""
     records = [
         {"integrator": method.name, "scenario": scenario.name} | options | measure(method, scenario, options)
-        for method, scenario, options in plan(methods(), scenarios(), {})
+        for method, scenario, options in plan(methods(), scenarios(*names), {})
     ]
-    return tabulate(records)["claims"]
-
-
-def test_verdicts_are_those_of_the_ledger(table):
-    """The table of docs/truth.md for nine statements, `holds` for all others."""
+    table = tabulate(records)["claims"]
     found = dict(zip(table.claim, table.verdict, strict=True))
-    assert len(found) == len(table) >= 60
-    assert {claim: verdict for claim, verdict in found.items() if verdict != HOLDS} == KNOWN
+    known = {claim: verdict for claim, verdict in KNOWN.items() if claim in found}
+    assert len(found) == len(table) >= (25 if names else 60) and (len(known) > 3 if names else known == KNOWN)
+    assert {claim: verdict for claim, verdict in found.items() if verdict != HOLDS} == known
 
 
 def verdicts(findings):

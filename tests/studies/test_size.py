@@ -10,11 +10,12 @@ from tcbench.cache import folder
 from tcbench.runner.plan import plan_job
 from tcbench.studies import size as study
 
+pytestmark = pytest.mark.usefixtures("cells_here")
 NAMES = ["chain[n=6]", "chain[n=20]"]
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory):
+def tables(tmp_path_factory, cells_here):
     return tcbench.run(["tc_monolithic"], NAMES, ["size"], output=tmp_path_factory.mktemp("size")).tables
 
 

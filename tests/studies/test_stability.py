@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scalar import parabola, scalar
+from spread import spread
 
 import tcbench
 from tcbench.analysis import stable_step as stability
@@ -14,7 +15,7 @@ from tcbench.studies import map as maps
 from tcbench.studies.stability import STABILITY, STUDY
 
 SCENARIOS, INTEGRATORS = tcbench.scenarios(), tcbench.integrators()
-SHORT = ("short_term", "stiff_spring", "cold_spring", "fast_conduction")
+SHORT = ["short_term", "stiff_spring", "cold_spring", "fast_conduction"]
 TC = [name for name, i in INTEGRATORS.items() if i.kind == "flows" and {"energy", "entropy"} <= i.claims
       and "projected" not in i.tags]  # fmt: skip # from where a large step ends no state near has the laws
 
@@ -30,8 +31,7 @@ def midpoint_cells():
     return {(i, s): cell(i, s) for i in names for s in ("stiff_spring", "cold_spring")}
 
 
-@pytest.mark.parametrize("scenario", SHORT)
-@pytest.mark.parametrize("integrator", TC)
+@pytest.mark.parametrize(("integrator", "scenario"), spread(TC, SHORT, ("tc_monolithic",)))
 def test_a_tc_method_has_no_limit(integrator, scenario):
     """A TC step has a root for every h, and energy and entropy hold: any other verdict is a fault of the tracker."""
     row = cell(integrator, scenario)
