@@ -298,7 +298,9 @@ def test_strict_ends_with_1_where_a_cell_crashed(tmp_path):
         "def tcbench_integrators():\n    return [Integrator(name='bad', order=2, step=bad)]\n"
     )
     args = ("run", "-i", "bad", "-s", "short_term", "--study", "conservation", "--dt", 0.3, "--plugins-dir", tmp_path)
-    assert tcbench(*args, "-o", tmp_path / "a").returncode == 0
+    (tmp_path / "broken.py").write_text("import no_such_module_here\n")
+    plain = tcbench(*args, "-o", tmp_path / "a")
+    assert plain.returncode == 0 and "broken.py was not loaded: ModuleNotFoundError" in plain.stderr
     assert tcbench(*args, "-o", tmp_path / "b", "--strict").returncode == 1
 
 

@@ -25,6 +25,7 @@ pytestmark = pytest.mark.usefixtures("cells_here")
 PAGE = (Path(__file__).parents[1] / "docs" / "add-study.md").read_text("utf-8")
 SOURCE = PAGE.split('title="halving.py"\n')[1].split("```")[0]
 NAME = 'Study(\n            name="halving"'
+HALVING = ["run", "--study", "halving"]
 assert "def tcbench_studies" in SOURCE and "def tcbench_charts" in SOURCE
 
 
@@ -100,26 +101,6 @@ def test_a_chart_that_raises_leaves_the_page_and_says_so():
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        ("fixed = [method ", "fixed = [method.nope ", "plan of the study 'halving' failed: AttributeError"),
-        ("    return [(m, s, {", "    [(m, s, {", "not None."),
-        ("(m, s, {", "(m.name, s, {", "must return a list of (integrator, scenario, options)"),
-        ("tables=(COUNTS,)", 'tables="halving"', "The study 'halving': tables is a tuple of words"),
-    ],
-)
-def test_a_study_that_cannot_be_planned_says_so_in_a_sentence(tmp_path, old, new, told):
-    """They were tracebacks; one of a word in the place of words was that of its letters."""
-    assert old in SOURCE
-    (tmp_path / "halving.py").write_text(SOURCE.replace(old, new))
-    done = command(
-        "run", "-i", "tc_strang", "-s", "short_term", "--study", "halving", "--plugins-dir", tmp_path,
-        "-o", tmp_path / "run", "--dry-run",
-    )  # fmt: skip
-    assert done.exit_code == 2 and told in done.output and "Traceback" not in done.output
-
-
-@pytest.mark.parametrize(
     ("tabulate", "told"),
     [
         (lambda rows: rows, "must return a dict of DataFrames by the name of the table"),
@@ -181,17 +162,21 @@ def test_a_study_whose_tables_cannot_be_made_ends_with_code_2_and_its_rows_are_k
 @pytest.mark.parametrize(
     ("old", "new", "words", "told"),
     [
+        ("fixed = [method ", "fixed = [method.nope ", HALVING, "plan of the study 'halving' failed: AttributeError"),
+        ("    return [(m, s, {", "    [(m, s, {", HALVING, "not None."),
+        ("(m, s, {", "(m.name, s, {", HALVING, "must return a list of (integrator, scenario, options)"),
+        ("tables=(COUNTS,)", 'tables="halving"', HALVING, "The study 'halving': tables is a tuple of words"),
         (NAME, 'Study(name="claims"', ["run", "--study", "claims"], "registers the study 'claims', which tcbench"),
         (NAME, 'Study(name="claims"', ["list"], "halving registers the study 'claims', which tcbench has"),
-        ("tables=(COUNTS,)", 'tables=("convergence",)', ["run", "--study", "halving"],
+        ("tables=(COUNTS,)", 'tables=("convergence",)', HALVING,
          "The table 'convergence' of the study 'halving' (halving) is one of the study 'convergence', too"),
-        ("tables=(COUNTS,)", 'tables=("../away",)', ["run", "--study", "halving"], "'../away' cannot be a name"),
+        ("tables=(COUNTS,)", 'tables=("../away",)', HALVING, "'../away' cannot be a name"),
         ('Chart(name="halving"', 'Chart(name="laws"', ["plot"], "halving registers the chart 'laws', which tcbench"),
         ('Chart(name="halving"', 'Chart(name="my laws"', ["plot", "my laws"], "'my laws' cannot be a name"),
     ],
 )  # fmt: skip
-def test_names_that_are_taken_or_none_are_refused(tmp_path, old, new, words, told):
-    """Of two studies or charts with one name one was lost without a word."""
+def test_what_cannot_be_planned_and_names_that_are_taken_or_none_are_a_sentence(tmp_path, old, new, words, told):
+    """They were tracebacks; of two studies or charts with one name one was lost without a word."""
     assert old in SOURCE
     (tmp_path / "halving.py").write_text(SOURCE.replace(old, new))
     chosen = ["-i", "tc_strang", "-s", "short_term", "--dry-run", "-o", tmp_path / "run"] if "run" in words else []

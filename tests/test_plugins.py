@@ -47,8 +47,9 @@ def test_a_plugin_file_is_found_and_runs(tmp_path):
 
 
 BROKEN = {
-    "syntax.py": ("def broken(:\n", "SyntaxError"),
-    "importing.py": ("import no_such_module_here\n", "No module named 'no_such_module_here'"),
+    "syntax.py": ("x = (1,\n", "'(' was never closed, line 1."),
+    "null.py": ("\0", "source code string cannot contain null bytes."),
+    "importing.py": ("\nimport no_such_module_here\n", "No module named 'no_such_module_here', line 2."),
     "raising.py": ("raise RuntimeError('at import')\n", "at import"),
     "misspelt.py": (GOOD.replace("tcbench_integrators", "tcbench_integrator"), "mean 'tcbench_integrators'?"),
     "asking.py": (GOOD.replace("return", "import tcbench; tcbench.scenarios(); return", 2), "A hook makes its"),
@@ -64,41 +65,20 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-def test_a_broken_plugin_stays_listed_with_its_traceback_and_costs_no_other(tmp_path, name):
+def test_a_broken_plugin_stays_listed_with_a_sentence_and_costs_no_other(tmp_path, name):
     source, message = BROKEN[name]
     (tmp_path / name).write_text(source)
     (tmp_path / "good.py").write_text(GOOD)
     plugins.use_folders([tmp_path])
     broken = {origin.name: origin.error for origin in plugins.registry().broken}
-    assert list(broken) == [name.removesuffix(".py")] and message in broken[name.removesuffix(".py")]
+    assert list(broken) == [name.removesuffix(".py")]
     assert {"mine", "tc_monolithic"} <= set(tcbench.integrators())
     with pytest.raises(TcbenchError, match=rf"'nobody'\. {name} was not loaded: .*Known: .*") as raised:
         plugins.find_integrator("nobody")
     assert "--plugins-dir" not in str(raised.value) and str(tmp_path) in str(raised.value)
-
-
-@pytest.mark.parametrize(
-    ("source", "sentence"),
-    [
-        ("x = (1,\n", "syn.py was not loaded: '(' was never closed, line 1."),
-        ("\0", "source code string cannot contain null bytes."),
-        ("\nimport no_such_module_here\n", "syn.py was not loaded: ModuleNotFoundError: No module named "
-         "'no_such_module_here', line 2."),
-        (GOOD.replace("return [", "return 7 #"), "tcbench_integrators must return a list of Integrator, not 7."),
-        (GOOD.replace('name="mine"', 'name="Mine!"'), "must be lower-case letters, digits and underscores, line 9."),
-        (GOOD + GOOD[GOOD.index("@hookimpl") :], "syn.py was not loaded: tcbench_integrators is defined in line 7 and "
-         "again in line 10, and Python keeps the last one only. Return everything from one function."),
-    ],
-)  # fmt: skip
-def test_a_file_that_is_not_loaded_is_one_sentence_also_where_nothing_of_it_is_asked_for(tmp_path, source, sentence):
-    (tmp_path / "syn.py").write_text(source)
-    common = ["--plugins-dir", str(tmp_path)]
-    run = ["run", "-i", "tc_strang", "-s", "short_term", "--study", "conservation", "--dt", "0.3"]
-    run = [[*run, "-o", str(tmp_path / "o"), *common]] if "no_such_module" in source else []  # a second each
-    for words in (["list", *common], *run):
-        plugins.forget()
-        done = CliRunner().invoke(main, words)
-        assert done.exit_code == 0 and done.stderr.splitlines()[-1].endswith(sentence), done.stderr
+    plugins.forget()
+    done = CliRunner().invoke(main, ["list", "--plugins-dir", str(tmp_path)])  # also where nothing of it is asked for
+    assert done.exit_code == 0 and message in done.stderr.splitlines()[-1], done.stderr
 
 
 def test_a_script_in_the_folder_is_refused_with_a_sentence_and_spoils_nothing(tmp_path):

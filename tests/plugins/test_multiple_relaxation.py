@@ -28,14 +28,14 @@ def test_both_laws_are_exact_at_the_order(name, order):
 
 def test_the_entropy_produced_is_that_of_the_stages():
     """The classical method alone misses it by the order of the step."""
-    h, system = 0.01, tcbench.scenarios()["short_term"].model
-    z0 = tcbench.scenarios()["short_term"].z0
-    found = run(4, "short_term", h, 1)
+    h, system = 0.05, tcbench.scenarios()["gas_containers"].model
+    z0 = tcbench.scenarios()["gas_containers"].z0
+    found = run(4, "gas_containers", h, 1)
     k1 = system.vector_field(z0)
     k2 = system.vector_field(z0 + h / 2 * k1)
     k3 = system.vector_field(z0 + h / 2 * k2)
     k4 = system.vector_field(z0 + h * k3)
-    produced = sum(w * k[8:].sum() for w, k in zip((1, 2, 2, 1), (k1, k2, k3, k4), strict=True)) * h / 6
+    produced = sum(w * k[2:].sum() for w, k in zip((1, 2, 2, 1), (k1, k2, k3, k4), strict=True)) * h / 6
     assert found.entropy[-1] - found.entropy[0] == pytest.approx(produced, rel=1e-12)
     classical = z0 + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     assert abs(system.energy(classical) - system.energy(z0)) > 1e-9 > abs(found.energy[-1] - found.energy[0])

@@ -81,7 +81,7 @@ def stiff_net(times=1e4):
     return scenario.replace(conductivity=times * scenario.constants["conductivity"], t_end=5.0)
 
 
-@pytest.mark.parametrize("k", [1, 3])
+@pytest.mark.parametrize("k", [pytest.param(1, marks=pytest.mark.thorough), 3])
 def test_corrections_solve_the_linear_system_of_all_stages(k):
     scenario, h = stiff_net(), 0.1
     w = GaussMethod(scenario.model, k).work

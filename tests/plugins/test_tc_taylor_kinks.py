@@ -118,8 +118,7 @@ class ByConstant(Pulled):
 
 @pytest.mark.parametrize(
     ("kind", "most", "beside"),
-    [(Pulled, 0, 1e-7), (Pulled, 1000, 0.0), (Pulled, 1000, 1e-7), (ByHypot, 1000, 0.0), (ByPower, 1000, 1e-7),
-     (ByConstant, 1000, 0.0)],
+    [(Pulled, 0, 1e-7), (Pulled, 1000, 0.0), (ByHypot, 1000, 0.0), (ByPower, 1000, 1e-7), (ByConstant, 1000, 0.0)],
 )  # fmt: skip
 def test_a_root_that_touches_zero_turns_there(kind, most, beside, monkeypatch):
     """Its series goes on below 0: with status ok points on their way through the origin were wrong by 0.2."""
@@ -225,7 +224,7 @@ class Held(Mechanical):
         return rubbed(self.c * np.sign(dE.p), dE)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+@pytest.mark.parametrize("tolerance", [1e-3, pytest.param(1e-6, marks=pytest.mark.thorough)])
 def test_where_dry_friction_holds_a_body_the_sentence_says_so(tolerance):
     """The body stops at t = pi. `controlled` divided steps for minutes, and the sentence named no cause."""
     scenario = Scenario("held", Held, {"c": 0.4}, initial={"q": 1.0, "p": 0.0, "s": 0.0}, t_end=6.3, dt=0.1)

@@ -64,12 +64,12 @@ def test_what_has_no_mesh_is_told(tmp_path):
         run.write(tmp_path / "a.txt")
 
 
-@pytest.mark.parametrize("name", ["ring[n=8]", "gas_tube[n=30]", "solid[n=1]"])
-def test_a_picture_of_the_start_the_middle_and_the_end_is_drawn(name, tmp_path):
+@pytest.mark.parametrize(("name", "suffix"), [("ring[n=8]", "png"), ("gas_tube[n=30]", "svg"), ("solid[n=1]", "png")])
+def test_a_picture_of_the_start_the_middle_and_the_end_is_drawn(name, suffix, tmp_path):
     t_end, dt = SHORT[name]
     run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)
     faces, owner = outside(mesh := mesh_of(run))
     if name == "solid[n=1]":  # three cubes side by side have 14 squares for their surface, each two triangles
         assert len(faces) == 28 and set(owner) <= set(range(len(mesh.cells)))
-    assert run.write(tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
-    assert "temperature" in run.write(tmp_path / "a.svg").read_text()
+    drawn = run.write(tmp_path / f"a.{suffix}").read_bytes()
+    assert drawn[:4] == b"\x89PNG" if suffix == "png" else b"temperature" in drawn

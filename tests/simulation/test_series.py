@@ -85,8 +85,8 @@ def test_only_the_scenarios_own_step_and_steps_off_the_ladder_are_kept():
 
 
 def test_a_published_folder_is_drawn_without_simulating_and_without_plugins(tmp_path, monkeypatch):
-    methods, scenarios = ["tc_monolithic", "midpoint_entropy", "scipy_dop853"], ["short_term", "gas_containers"]
-    results = tcbench.run(methods, scenarios, ["conservation"], output=tmp_path / "run")
+    methods, scenarios = ["tc_monolithic", "scipy_dop853"], ["short_term", "gas_containers"]
+    results = tcbench.run(methods, scenarios, ["conservation"], output=tmp_path / "run", dt=[0.3])
     table = results.tables["series"]
     assert set(table["integrator"]) == set(methods) and not table["integrator"].isna().any()
     assert "series" not in results.tables["conservation"] and "opening" not in results.tables["conservation"]
@@ -104,9 +104,8 @@ def test_a_published_folder_is_drawn_without_simulating_and_without_plugins(tmp_
     monkeypatch.setattr(simulation, "simulate", never)
     monkeypatch.setattr(Scenario, "model", property(never))
     monkeypatch.setattr(plugins, "_REGISTRY", plugins.Registry())
-    for folder in (tmp_path / "run", published):
-        for kind in ("laws", "four-panel", "path"):
-            out = plot(kind, folder, folder / f"{kind}.svg", scenario="short_term")
-            assert out.stat().st_size > 10_000
-        page = write_report(folder).read_text("utf-8")
-        assert 'id="table-series"' in page and 'id="table-opening"' in page
+    for folder, kind in ((tmp_path / "run", "laws"), (published, "four-panel"), (published, "path")):
+        out = plot(kind, folder, folder / f"{kind}.svg", scenario="short_term")
+        assert out.stat().st_size > 10_000
+    page = write_report(published).read_text("utf-8")
+    assert 'id="table-series"' in page
