@@ -61,7 +61,7 @@ def test_size_font_and_style_are_those_asked_for(table, tmp_path):
         "no matplotlib style": {"style": {"font.sze": 3}}, "between 3 and 40": {"font_size": 0.1},
     }.items():  # fmt: skip
         with pytest.raises(TcbenchError, match=message):
-            tcbench.draw("conservation", table, **options)
+            tcbench.draw(**one, **options)
 
 
 KINDS_OF_TEST = {name: kind for name, kind in kinds().items() if set(kind.needs) <= set(TABLES)}
