@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from tcbench import hookspecs, plugins
+from tcbench import plugins
 from tcbench.cli import main
 
 ROOT = Path(__file__).parent.parent
@@ -28,7 +28,6 @@ PAGES = (
     "peers",
 )
 BLOCK = re.compile(r'(<!-- not run: [^\n]*-->\n)?```(sh|python)(?: title="([\w.]+)")?\n(.*?)```', re.DOTALL)
-HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
 
 
 def blocks(page):
@@ -99,23 +98,6 @@ def test_every_page_is_in_the_navigation_and_every_link_leads_somewhere():
             assert target.startswith("http") or (ROOT / "docs" / target).exists(), f"{page}.md: {target}"
         for target in re.findall(r"(?:benchmarks|plugins|tcbench|tests)/[\w/]+\.py", text):
             assert (ROOT / target).is_file(), f"{page}.md: {target}"
-
-
-def test_every_hook_is_in_the_reference_and_in_a_page_and_in_a_test():
-    reference = (ROOT / "docs" / "api.md").read_text()
-    pages = "".join(code for page in PAGES for _, _, code in blocks(page))
-    scaffolds = "".join(path.read_text() for path in (ROOT / "tcbench" / "authoring" / "templates").iterdir())
-    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py") if path != Path(__file__))
-    assert len(HOOKS) >= 3
-    for hook in HOOKS:
-        assert f"::: tcbench.hookspecs.{hook}\n" in reference, f"{hook} is missing in docs/api.md"
-        assert f"def {hook}" in pages + scaffolds, f"no page and no scaffold shows how to write {hook}"
-        assert f"def {hook}" in tests or f"def {hook}" in example(), f"{hook} is not tested"
-
-
-def example():
-    """The distribution that tests/test_third_party.py installs and runs."""
-    return "".join(path.read_text() for path in (ROOT / "examples").rglob("*.py"))
 
 
 def test_the_public_names_are_in_the_reference():

@@ -1,4 +1,4 @@
-"""The notebooks of the documentation: executed as they stand, with outputs, small, and still running."""
+"""The notebooks of the documentation: they run, and print what they show."""
 
 import ast
 import json
@@ -18,16 +18,6 @@ def cells(path, kind):
 def test_there_are_five_and_the_page_leads_to_each():
     page = (ROOT / "docs" / "notebooks.md").read_text()
     assert {path.name for path in BOOKS} == set(re.findall(r"\(notebooks/([\w.]+)\)", page)) and len(BOOKS) == 5
-
-
-@pytest.mark.parametrize("path", BOOKS, ids=lambda p: p.stem)
-def test_it_is_executed_and_small(path):
-    code = cells(path, "code")
-    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
-    outputs = [output for cell in code for output in cell["outputs"]]
-    assert outputs and not any(output["output_type"] == "error" for output in outputs)
-    assert path.stat().st_size < 200_000
-    assert "/root" not in path.read_text() and "/home" not in path.read_text()
 
 
 @pytest.mark.thorough
