@@ -29,8 +29,7 @@ def collect(folder):
     return {
         "machine": manifest["machine"]["cpu"], "version": manifest["tcbench"],
         "ended": str(manifest["ended"])[:10],
-        "sentences": [[one.title, one.lead, "; ".join([one.text, *one.more])]
-                      for one in findings(found, tables, store.declared())],
+        "sentences": [(*one[:3], one.more) for one in findings(found, tables, store.declared())],
         "ladder": coarsest(tables["work_precision"]),
         "coarse": {m: {"temperatures": heat[m], "entropy": made.get(m, {})} for m in COARSE if m in heat},
     }  # fmt: skip
@@ -49,18 +48,19 @@ def coarsest(work):
     }
 
 
-def short(kept):
-    """README: one line a question."""
-    rows = [f"| {title} | **{lead}** | {text} |" for title, lead, text in kept["sentences"]]
+def short(kept, whole=False):
+    """README: one number a question; whole: with what stands behind it."""
+    rows = [f"| {title} | **{lead}** | {'; '.join([text, *more] if whole else [text])} |"
+            for title, lead, text, more in kept["sentences"]]  # fmt: skip
     return "\n".join(["| question | answer | measured |", "|---|---|---|", *rows, "", origin(kept), ""])
 
 
 def long(kept):
-    """docs: the same, and what a coarse step costs by scenario."""
+    """docs: with what stands behind each, and what a coarse step costs by scenario."""
     scenarios = sorted({s for of in kept["coarse"].values() for s in of["temperatures"]})
     spans, cost = kept["ladder"]["spans"], kept["ladder"]["us_per_step"]
     lines = [
-        short(kept),
+        short(kept, whole=True),
         "Error of the final temperatures / of the entropy produced at the coarsest step, per cent (x: failed, -: not "
         "measured, 0: below 0.001); the worse of both on the worst scenario; microseconds a step, in the median and on "
         "the dearest scenario, where Newton's method has to be helped. At a late t everything has relaxed, and "

@@ -30,7 +30,8 @@ def packed_table(table: DataFrame, known: Table) -> str:
     known : what its study says of it, and of the digits that the page keeps; the files have them all. Of what a law
     holds all that a series has: what is lost of it is little beside it, and would be drawn as stairs.
 
-    A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null.
+    A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null;
+    of a column that few rows have only the parts with numbers are there, each from a row on.
     """
     shown = [c for c in table.columns if column(str(c), known).shown or c in SENTENCES]
     if {"dt", "tolerance"}.issubset(shown):
@@ -60,7 +61,11 @@ def _column(values: Series, digits: int) -> Any:
     if kind in "biu":
         return values.tolist()
     if kind == "f":
-        return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
+        plain = [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
+        there = np.isfinite(values.to_numpy(float))
+        ends = np.flatnonzero(np.diff(there, prepend=False, append=False)).reshape(-1, 2).tolist()
+        few = 2 * sum(b - a for a, b in ends) + 8 * len(ends) < len(plain)
+        return {"from": [a for a, _ in ends], "of": [plain[a:b] for a, b in ends]} if few else plain
     plain = values.astype(object).where(values.notna(), None).tolist()
     if all(v is None or isinstance(v, bool) for v in plain):
         return plain

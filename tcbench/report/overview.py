@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 TARGETS = ("time 1e-06", "time 0.001")  # to an accurate trajectory; the second where no method reaches the first
 ROUND_OFF = 1e-12  # errors below it rank nobody
 WRONG = {"coarse": "final temperatures", "produced": "entropy produced"}  # errors at the coarsest step
-TIE = 1.05  # timings that are nearer than this are as good as each other
+# Timings nearer than this rank nobody: in a full run nine of ten methods take as long a step, up to it, in the two runs
+# of most steps that they have on a scenario.
+SPREAD = 1.2
 FEW_RUNS = 50  # from random starts, below which "never failed" says nothing: up to 6 % of failures would not show
 LADDERS = ("conservation", "work_precision", "stability", "convergence", "equilibrium_summary")
 PEERS = {"scipy": "SciPy"}  # packages of several solvers
@@ -71,18 +73,27 @@ def accurate(found: DataFrame, tables: Tables, declared: Tables = MappingProxyTy
     name, *tied = _surest(ratios)
     count, times, worst = found[key].groupby(level="scenario").any().sum(), found.loc[name, key], max(ratios[name])
     where = f"in {seconds(float(times.min()))}" if count == 1 else f"on {len(ratios[name])} of {count} scenarios"
-    behind = f"at most {rounded(worst)} times the fastest's time" if worst > TIE else "no method is faster"
-    more = ["no other method ran" if len(every) == 1 else behind]
-    more += [f"as good within 5 %: {some(map(called, tied))}"] if tied else []
-    more += _peers(tables, key, name, declared)
-    return Finding(title, called(name), f"an error of {power(TIMES[key][1])} {where}", f"#lens={key}", more)
+    far = f"at most {rounded(worst)} times the fastest's time"
+    behind = far if worst > SPREAD else f"no method is faster by more than the spread of timings, {percent(SPREAD - 1)}"
+    beside, named = _equals("fast", tied)
+    more = ["no other method ran" if len(every) == 1 else behind, *named, *_peers(tables, key, name, declared)]
+    return Finding(title, called(name), f"an error of {power(TIMES[key][1])} {where}{beside}", f"#lens={key}", more)
+
+
+def _equals(what: str, names: Sequence[str]) -> tuple[str, list[str]]:
+    """Who is as fast or cheap within the spread of timings: what follows the one number, and their names behind it."""
+    if not names:
+        return "", []
+    others = called(names[0]) if len(names) == 1 else f"{len(names)} others"
+    beside = f"; {others} as {what} within the spread of timings"
+    return beside, [f"as {what}: {some(map(called, names))}"] if len(names) > 1 else []
 
 
 def _surest(found: Mapping[str, Sequence[float]], price: Any = MappingProxyType({})) -> list[str]:
     """Of numbers by method, one a scenario and small ones better: the method that has most of them and, of those, the
-    least of the largest, of equals the least price; then those with as many whose largest is within 5 % of it."""
+    least of the largest, of equals the least price; then those with as many whose largest is within SPREAD of it."""
     first = min(found, key=lambda name: (-len(found[name]), max(found[name]), price.get(name, math.inf), name))
-    most, limit = len(found[first]), TIE * max(found[first])
+    most, limit = len(found[first]), SPREAD * max(found[first])
     others = [name for name in sorted(found) if len(found[name]) == most and max(found[name]) <= limit]
     return [first, *(name for name in others if name != first)]
 
@@ -160,11 +171,13 @@ def coarse(found: DataFrame) -> Finding | None:
     name, count = _surest(errors, price)[0], ran.index.get_level_values("scenario").nunique()
     text, *more = within(name)
     more += [f"on {len(errors[name])} of {count} scenarios"] if count > 1 else []
-    if "inner" in found and (most := found.loc[name, "inner"].max()) > TIE:
+    if "inner" in found and (most := found.loc[name, "inner"].max()) > 1.05:
         more.append(f"steps that it cannot solve are divided, into {most:.2g} on average where that is most")
-    cheap = min((m for m in errors if m in price and len(errors[m]) == len(errors[name])),
-                key=lambda m: (price[m], m), default=name)  # fmt: skip
-    more += [f"{called(cheap)}, whose step is the cheapest of these: {', '.join(within(cheap))}"] * (cheap != name)
+    others = sorted((m for m in errors if m in price and len(errors[m]) == len(errors[name])), key=lambda m: price[m])
+    equal = [m for m in others if m in as_cheap(found, others[0])]
+    cheap = min(equal, key=lambda m: max(errors[m]), default=name)
+    least = f"the cheapest of these{' within the spread of timings' * (len(equal) > 1)}"
+    more += [f"{called(cheap)}, whose step is {least}: {', '.join(within(cheap))}"] * (cheap != name)
     steps = found.groupby(level="scenario")["dt_coarsest"].max().dropna()
     title = f"At h = {steps.iloc[0]:.3g}" if len(steps) == 1 else "At the coarsest step"
     return Finding(title, called(name), text, "#lens=coarse", ["each law kept", *more])
@@ -175,9 +188,17 @@ def typical_cost(found: DataFrame) -> Any:
     return found["cost"].dropna().groupby(level="integrator").median() if "cost" in found else {}
 
 
+def as_cheap(found: DataFrame, name: str) -> list[str]:
+    """The methods whose step takes at most SPREAD times that of one, in the median of the scenarios of both."""
+    costs = found["cost"].unstack("integrator")
+    ratios = costs.div(costs[name], axis=0).median()
+    return [str(m) for m in ratios.index[ratios <= SPREAD]]
+
+
 def cheapest(found: DataFrame) -> Finding | None:
-    """The fixed-step method of the least time a step (median over its scenarios) of those that never failed; and where
-    one that is cheaper fails. Methods that ran on fewer than half of the scenarios are no candidates."""
+    """The fixed-step method of the least time a step (median over its scenarios) of those that never failed; who is as
+    cheap within the spread of timings; and where one that is cheaper fails. Methods that ran on fewer than half of the
+    scenarios are no candidates."""
     if "cost" not in found:
         return None
     times = found["cost"].dropna().groupby(level="integrator").size()
@@ -192,6 +213,9 @@ def cheapest(found: DataFrame) -> Finding | None:
     if name in failed:
         more.append("no method never failed")
         return Finding("The cheapest step", called(name), f"{text}; {failed[name]}", href, more)
+    near = as_cheap(found, name)
+    beside, named = _equals("cheap", [m for m in typical.index if m in near and m not in failed and m != name])
+    text, more = text + beside, [*more, *named]
     more += [f"{called(first)}, {rounded(typical[first])} µs, {failed[first]}"] if name != first else []
     return Finding("Cheapest, never failed", called(name), text, href, more)
 

@@ -98,8 +98,9 @@ def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, 
         "dots": law_dots(found, declared), "opening": telling(found), "marks": MARKS,
         "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
         "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},
+        "places": {name: names({name: table}, "scenario") for name, table in tables.items()},
         "labels": {one.name: one.label for told in columns.values() for one in told},
-        "variables": [*dict.fromkeys(c for name in ROW if name in tables for c in variables(tables[name].columns))],
+        "variables": [*dict.fromkeys(c for name in ROW[:2] if name in tables for c in variables(tables[name].columns))],
         "filters": {name: [one.name for one in told if one.filter] for name, told in columns.items()},
     }  # fmt: skip
     return {

@@ -13,6 +13,7 @@ import numpy as np
 from .. import plugins
 from ..errors import TcbenchError
 from ..integrator import Integrator
+from ..simulation import fields
 from ..study import Study
 from ..systems.plane import joints, links
 from ..systems.scenario import Scenario
@@ -93,14 +94,16 @@ def _docstring(method: Integrator) -> str:
 
 
 def scenario_facts(scenario: Scenario) -> dict[str, Any]:
-    """The data of a scenario, its invariants, and which masses its elements join in the plane
-    (if they do), or which joints the lines of its own picture."""
+    """The data of a scenario, its invariants, and which masses its elements join in the plane (if they do), which
+    joints the lines of its own picture, or which places the faces of its mesh, as the table `fields` numbers them."""
     z0, model = scenario.z0, scenario.model
+    mesh = fields.faces_of(model, np.asarray(z0))
     return scenario.as_dict() | {
         "dt": scenario.dt, "t_converge": scenario.t_converge, "ladder": list(scenario.ladder), "shows": scenario.shows,
         "source": scenario.source, "plugin": scenario.plugin, "initial_exergy": float(scenario.initial_exergy),
         "initial_energy": float(model.energy(z0)), "invariants": list(model.invariant_names),
-        "links": links(model), "joints": joints(model, z0)[0], RATES: rates(scenario),
+        "links": links(model), "joints": joints(model, z0)[0],
+        "faces": mesh[2].tolist() if mesh else [], RATES: rates(scenario),
     }  # fmt: skip
 
 

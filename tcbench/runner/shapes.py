@@ -15,7 +15,7 @@ SCENARIO = {
     "system": str, "plugin": str, "shows": str, "source": str, "constants": {}, "t_end": NUMBER, "dt": NUMBER,
     "t_converge": NUMBER, "blowup_factor": NUMBER, "initial_exergy": NUMBER, "initial_energy": NUMBER,
     "ladder": NUMBERS, "positions": NUMBERS, "momenta": NUMBERS, "temperatures": NUMBERS, "initial": {},
-    "invariants": [str], "links": [NUMBERS], "joints": [object],
+    "invariants": [str], "links": [NUMBERS], "joints": [object], "faces": [NUMBERS],
 }  # fmt: skip
 DECLARED = {
     "integrators": {str: METHOD}, "scenarios": {str: SCENARIO}, "absent": {str: str},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from ..errors import TcbenchError, needs_folder, unknown_name, writing
 from ..fem import needed
 from ..systems.over_spaces import space_of
-from .mesh_picture import SUFFIXES, draw
+from .mesh_picture import SUFFIXES, draw, heat_of, outside
 
 if TYPE_CHECKING:
+    from ..systems.system import System
     from .trajectory import Trajectory
 
 CELLS = {  # components of a place, columns of a table -> meshio's kind of cell and its corners
@@ -23,6 +24,8 @@ CELLS = {  # components of a place, columns of a table -> meshio's kind of cell 
     (3, 3): ("triangle", 3), (3, 4): ("tetra", 4), (3, 10): ("tetra", 4), (3, 8): ("hexahedron", 8),
 }  # fmt: skip
 HEXAHEDRA = ([0, 1, 2, 3, 4, 5, 6, 7], [0, 2, 5, 1, 3, 6, 7, 4], [0, 1, 4, 2, 3, 5, 7, 6])  # orders in use; VTK's first
+MOST = 2_000  # faces of a mesh that rows keep in time
+NUMBERS, DIGITS = 4_000, 4  # of it: numbers of a run, and digits of each
 AROUND = [(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)]  # of each corner
 
 
@@ -38,9 +41,8 @@ class Mesh(NamedTuple):
     of_cell: NDArray[np.int64]
 
 
-def mesh_of(run: Trajectory, table: str | None = None) -> Mesh:
-    """From the tables of the system: the first one, or that of this name, whose rows are cells of places."""
-    model = run.scenario.model
+def mesh_of(model: System, z0: Any, table: str | None = None) -> Mesh:
+    """From the tables of a system: the first one, or that of this name, whose rows are cells of places."""
     declared = type(model).declared_variables()
     moving = {
         space_of(d): (name, int(np.prod(d[1:], dtype=int)))
@@ -49,37 +51,39 @@ def mesh_of(run: Trajectory, table: str | None = None) -> Mesh:
     }
     if table is not None and table not in model.tables:
         raise unknown_name(f"table of {model.name!r}", table, model.tables)
+    flat = getattr(model, "dimension", 1)  # of networks: the coordinates of a point follow each other
     for name, (source, *columns, target) in model.tables.items():
         first, *others = target.split("+")
         if name != (table or name) or first not in moving or len(columns) != 1 or source == first:
             continue
         variable, components = moving[first]
-        behind = [_places_of(model, space, components) for space in others]
-        if (components, columns[0]) not in CELLS or any(x is None for x in behind):
+        components, count, first = (flat, columns[0] / flat, "point") if flat > 1 else (components, columns[0], first)
+        behind = [_places_of(model, space, components, flat) for space in others]
+        if (components, count) not in CELLS or any(x is None for x in behind):
             continue
-        kind, corners = CELLS[components, columns[0]]
-        rows = np.asarray(getattr(model, name))[:, :corners]
+        kind, corners = CELLS[components, count]
+        rows = np.asarray(getattr(model, name))[:, ::flat][:, :corners] // flat
         new = np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]  # points of one element follow each other
         fixed = np.concatenate([np.zeros((0, components)), *behind])
         found = Mesh(variable, fixed, kind, rows[new], source, first, np.cumsum(new) - 1)
-        return found._replace(cells=_in_order(found, _points(run, found, 0)))
+        return found._replace(cells=_in_order(found, _points(model, z0, found)))
     raise TcbenchError(
         f"{model.name!r} has no table of cells of places: a variable q or x over a space, of one to three components, "
         f"and a table of 2, 3, 4 or 8 of them for each element. Its tables: {', '.join(model.tables) or 'none'}."
     )
 
 
-def _places_of(model: Any, space: str, components: int) -> Any:
+def _places_of(model: Any, space: str, components: int, flat: int) -> Any:
     for name, d in type(model).constants.items():
-        if space_of(d) == space and int(np.prod(d[1:], dtype=int)) == components:
+        if space_of(d) == space and int(np.prod(d[1:], dtype=int)) == (1 if flat > 1 else components):
             return np.reshape(getattr(model, name), (-1, components))
     return None
 
 
-def _points(run: Trajectory, mesh: Mesh, k: int) -> NDArray[np.float64]:
-    """All places at record k, shape (n, d)."""
-    q = np.asarray(getattr(run.scenario.model.state(run.z[k]), mesh.places))
-    return np.concatenate([q.reshape(len(q), -1), mesh.fixed])
+def _points(model: System, z: Any, mesh: Mesh) -> NDArray[np.float64]:
+    """All places in a state, shape (n, d)."""
+    q = np.asarray(getattr(model.state(z), mesh.places))
+    return np.concatenate([q.reshape(-1, mesh.fixed.shape[1]), mesh.fixed])
 
 
 def _in_order(mesh: Mesh, points: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -100,11 +104,13 @@ def _three(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.pad(x, [(0, 0), (0, 3 - x.shape[1])]) if x.ndim == 2 and x.shape[1] < 3 else x
 
 
-def records(run: Trajectory, mesh: Mesh) -> Iterator[tuple[float, Any, dict[str, Any], dict[str, Any]]]:
-    """Of each recorded state: time, points (n, 3), fields of the points and of the cells."""
+def records(
+    run: Trajectory, mesh: Mesh, rows: Iterable[int] | None = None
+) -> Iterator[tuple[float, Any, dict[str, Any], dict[str, Any]]]:
+    """Of each recorded state, or of these: time, points (n, 3), fields of the points and of the cells."""
     model, count = run.scenario.model, len(mesh.cells)
     declared, weight = type(model).declared_variables(), np.bincount(mesh.of_cell)
-    start, behind = _points(run, mesh, 0), len(mesh.fixed)
+    start, behind = _points(model, run.z[0], mesh), len(mesh.fixed)
     sizes = {mesh.target: len(start) - behind, mesh.source: len(mesh.of_cell)}
 
     def of_points(x: Any) -> Any:
@@ -116,8 +122,8 @@ def records(run: Trajectory, mesh: Mesh) -> Iterator[tuple[float, Any, dict[str,
         mean = np.stack([np.bincount(mesh.of_cell, column, count) for column in x.T], axis=1) / weight[:, None]
         return mean[:, 0] if x.shape[1] == 1 else mean
 
-    for k, t in enumerate(run.t):
-        z, points = model.state(run.z[k]), _points(run, mesh, k)
+    for k in range(len(run.t)) if rows is None else rows:
+        z, points = model.state(run.z[k]), _points(model, run.z[k], mesh)
         on_points, on_cells = {"displacement": _three((points - start).reshape(len(points), -1))}, dict[str, Any]()
         fields = {n: (space_of(d), getattr(z, n)) for n, d in declared.items() if n != mesh.places}
         theta = run.temperatures[k]
@@ -129,7 +135,40 @@ def records(run: Trajectory, mesh: Mesh) -> Iterator[tuple[float, Any, dict[str,
                 on_points[name] = of_points(x)
             elif space == mesh.source:
                 on_cells[name] = of_cells(x)
-        yield float(t), _three(points), on_points, on_cells
+        yield float(run.t[k]), _three(points), on_points, on_cells
+
+
+def faces_of(model: System, z0: Any) -> tuple[Mesh, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
+    """The mesh of a system, the places on its outside (n,), and of each outer face the corners among these (m, k) and
+    the cell; None where there is no mesh, or one of more than MOST faces, or a line that has a picture of its own."""
+    try:
+        mesh = mesh_of(model, z0)
+    except TcbenchError:
+        return None
+    if mesh.fixed.shape[1] == 1 and model.defines("points"):
+        return None
+    faces, owner = outside(mesh)
+    seen, corners = np.unique(faces, return_inverse=True)
+    return (mesh, seen, corners.reshape(faces.shape), owner) if len(faces) <= MOST else None
+
+
+def kept(run: Trajectory) -> dict[str, list[float | None]]:
+    """A mesh in time, some NUMBERS in all or two states: at times `t` the place `x`, `y`, `z` of each `number` and the
+    `temperature` of the face of this number; null beyond the last place or face. {} without a mesh."""
+    if (found := faces_of(run.scenario.model, run.z[0])) is None:
+        return {}
+    mesh, seen, faces, owner = found
+    many = max(2, NUMBERS // (len(faces) + len(seen) * mesh.fixed.shape[1]))
+    frames, size = [], max(len(seen), len(faces))
+    for t, x, on_points, on_cells in records(run, mesh, np.unique(np.linspace(0, len(run.t) - 1, many).astype(int))):
+        frame = np.full((size, 6), np.nan)
+        frame[:, 0], frame[:, 1], frame[: len(seen), 2:5] = t, np.arange(size), x[seen]
+        if (heat := heat_of(on_points, on_cells, seen[faces], owner)) is not None:
+            frame[: len(faces), 5] = np.ma.filled(heat, np.nan)
+        frames.append(frame)
+    told = dict(zip(("t", "number", "x", "y", "z", "temperature"), np.concatenate(frames).T, strict=True))
+    told = {name: of for name, of in told.items() if np.isfinite(of).any() and (name not in "yz" or of[of == of].any())}
+    return {n: [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in of.tolist()] for n, of in told.items()}
 
 
 def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:
@@ -141,14 +180,14 @@ def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:
             f"{path.name!r}."
         )
     needs_folder(path)
-    mesh = mesh_of(run, table)
+    mesh = mesh_of(run.scenario.model, run.z[0], table)
     if path.suffix in SUFFIXES:
         return draw(run, mesh, records(run, mesh), path)
     meshio = needed("meshio", "meshio")
     cells = [(mesh.kind, mesh.cells)]
     with writing(repr(str(path))):
         if path.suffix == ".xdmf":
-            start = _three(_points(run, mesh, 0))
+            start = _three(_points(run.scenario.model, run.z[0], mesh))
             with meshio.xdmf.TimeSeriesWriter(str(path), data_format="XML") as series:
                 series.write_points_cells(start, cells)
                 for t, _, on_points, on_cells in records(run, mesh):

@@ -43,7 +43,7 @@ def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path
     kept = sorted({0, len(run.t) // 2, len(run.t) - 1})
     states = [state for k, state in enumerate(records) if k in kept]
     faces, owner = outside(mesh)
-    heats = [_heat(on_points, on_cells, faces, owner) for _, _, on_points, on_cells in states]
+    heats = [heat_of(on_points, on_cells, faces, owner) for _, _, on_points, on_cells in states]
     known: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
     points = np.concatenate([x for _, x, _, _ in states])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
@@ -76,7 +76,7 @@ def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path
     return path
 
 
-def _heat(on_points: Any, on_cells: Any, faces: Any, owner: Any) -> Any:
+def heat_of(on_points: Any, on_cells: Any, faces: Any, owner: Any) -> Any:
     """Of each face: the mean of its corners, or that of its cell; None where there is no temperature."""
     if "temperature" in on_points:
         of: Any = np.ma.masked_invalid(on_points["temperature"].reshape(-1)[faces])

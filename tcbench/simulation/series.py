@@ -10,6 +10,7 @@ import numpy as np
 
 from ..systems.plane import drawn
 from ..systems.state import LETTERS
+from . import fields
 from .beside import distance
 from .metrics import invariant_scale
 
@@ -23,7 +24,7 @@ DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # of what a row keeps: states, losses
 LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
 RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
 ENDS: dict[str, Any] = {"low": np.min, "mean": np.mean, "high": np.max}  # of more temperatures than letters
-ROW = ("series", "opening")  # where a row keeps them, and the names of the tables made of them
+ROW = ("series", "opening", "fields")  # where a row keeps them, and the names of the tables made of them
 
 
 def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
@@ -59,7 +60,7 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[floa
 
     "series" has the columns of every k-th state and of the last one, and `distance` as exact_error. "opening", where
     k > 1, has positions and temperatures of the first `points` steps: a path of every twentieth state is no path.
-    Rounded.
+    "fields": as `fields.kept`, of systems with a mesh. Rounded.
     """
     stride = max(1, run.scenario.steps(run.dt) // points) if run.dt > 0 else 1
     last = len(run.t) - 1
@@ -72,6 +73,9 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[floa
         laws = {"energy", "entropy", *run.invariants}
         there = {n: v for n, v in opening.items() if n not in laws and not n.endswith(LOST)}
         found["opening"] = _rounded(there)
+    if mesh := fields.kept(run):  # which is drawn in the place of the system's own picture
+        found = {part: {n: v for n, v in of.items() if not n.startswith("at_")} for part, of in found.items()}
+        found["fields"] = mesh
     return found
 
 
@@ -96,16 +100,18 @@ def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[float]]:
 
 
 def tables(records: Iterable[Mapping[str, Any]]) -> dict[str, DataFrame]:
-    """The tables `series` and `opening` of rows that kept them: one row a state, NaN where a run has no such column."""
+    """The tables of rows that kept them: one row a state (of `fields` a state and number), NaN where a run has no such
+    column."""
     import pandas as pd
 
     frames: dict[str, list[DataFrame]] = {name: [] for name in ROW}
     for record in records:
-        if whole := record.get("series"):
-            run = {name: record[name] for name in RUN if record.get(name) is not None}
-            frames["series"].append(pd.DataFrame(run | dict(whole)))
-            if record.get("dt"):
-                frames["opening"].append(pd.DataFrame(run | dict(record.get("opening") or whole)))
+        run = {name: record[name] for name in RUN if record.get(name) is not None}
+        opening = record.get("dt") and (record.get("opening") or record.get("series"))
+        parts = (record.get("series"), opening, record.get("fields"))
+        for name, part in zip(ROW, parts, strict=True):
+            if part:
+                frames[name].append(pd.DataFrame(run | dict(part)))
     return {name: pd.concat(parts, ignore_index=True) for name, parts in frames.items() if parts}
 
 

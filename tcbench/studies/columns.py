@@ -57,7 +57,7 @@ SHARED = (
     *(_origin(n) for n in ("inputs", "made_by", "uses", "cell_time_s", "shared_runs", "timed", "key", "failure")),
     *(_origin(n) for n in ("metric_failure", "output_tail", "traceback_tail", "exception_message")),
     *(_origin(n) for n in ("worker_host_cpu", "machine", "shuffle_order", "shuffle_seed", "of_the_machine")),
-    *(_origin(n) for n in ("series", "opening")),
+    *(_origin(n) for n in ("series", "opening", "fields")),
 )  # fmt: skip
 
 

@@ -139,7 +139,7 @@ STUDY = Study(
         CONSERVATION,
         *(
             Table(name, STATES, digits=digits, derived=True, long=True)
-            for name, digits in zip(series.ROW, (5, 4), strict=True)
+            for name, digits in zip(series.ROW, (5, 4, 4), strict=True)
         ),
     ),
     plan=plan,

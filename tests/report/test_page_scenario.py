@@ -195,6 +195,26 @@ def test_one_temperature_colours_no_line_of_three(page_of_a_ring, visit):
     assert "of 62 variables and temperatures" in page.locator(".player").text_content()
 
 
+@pytest.mark.parametrize("name, dt", [("solid[n=1]", 0.1), ("net[nx=2,ny=2]", 0.25)])
+def test_a_mesh_is_filled_by_temperature_and_one_in_space_is_turned(name, dt, tmp_path, visit):
+    tcbench.run(["midpoint_entropy"], [name], ["conservation"], tmp_path, dt=[dt], jobs=1)
+    table = pd.read_csv(tmp_path / "tables" / "fields.csv")
+    run = tcbench.simulate("midpoint_entropy", name, dt=dt)
+    assert np.allclose(table["t"].unique(), run.t) and table["temperature"].max() <= 1.001 * run.temperatures.max()
+    page = visit(
+        write_report(tmp_path), "#scenario=" + pd.read_csv(tmp_path / "tables" / "conservation.csv")["scenario"][0]
+    )
+    page.wait_for_function(f"({MOST_COLOURED})() > 100")  # hot and cold, of blue and orange
+    pixels = "() => document.querySelector('canvas').toDataURL()"
+    turned, seen = page.locator("label", has_text="turn").locator("input"), page.evaluate(pixels)
+    assert turned.count() == name.startswith("solid")
+    for place in (turned, page.get_by_label("time", exact=True)):
+        if place.count():
+            place.fill("1.5" if place != turned else "120")
+            assert page.evaluate(pixels) != seen
+            seen = page.evaluate(pixels)
+
+
 def test_a_chart_is_saved_as_svg_png_and_csv(full, visit):
     page = visit(full, accept_downloads=True)
     page.locator("#speed .save summary").click()

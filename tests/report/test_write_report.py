@@ -56,11 +56,19 @@ class Page(HTMLParser):
     def table(self, name):
         """A packed table as the page's script unpacks it."""
         columns = self.unpacked(f"table-{name}")
-        plain = {
-            c: v if isinstance(v, list) else [None if i < 0 else v["words"][i] for i in v["at"]]
-            for c, v in columns.items()
-        }
+        plain = {c: self.column(v, self.data["tables"][name]) for c, v in columns.items()}
         return pd.DataFrame(plain)
+
+    @staticmethod
+    def column(packed, size):
+        if isinstance(packed, list):
+            return packed
+        if "words" in packed:
+            return [None if i < 0 else packed["words"][i] for i in packed["at"]]
+        found = [None] * size
+        for start, values in zip(packed["from"], packed["of"], strict=True):
+            found[start : start + len(values)] = values
+        return found
 
 
 @pytest.fixture(scope="module", autouse=True)

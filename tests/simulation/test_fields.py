@@ -1,7 +1,5 @@
 """Fields on meshes for ParaView: what is read back is the run."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -43,7 +41,7 @@ def test_what_is_read_back_is_the_run(name, tmp_path):
 def test_hexahedra_have_the_corners_of_vtk_and_one_cell_for_eight_points():
     scenario = find_scenario("solid[n=1,element=hex]")
     z = np.array(scenario.z0)[None]
-    mesh = mesh_of(SimpleNamespace(scenario=scenario, z=z))
+    mesh = mesh_of(scenario.model, z[0])
     x = scenario.model.state(z[0]).q[mesh.cells]
     assert mesh.kind == "hexahedron" and len(mesh.cells) == 3 and len(mesh.of_cell) == 24
     steps = np.roll(x[:, :4], -1, axis=1) - x[:, :4]  # around the bottom, then straight up
@@ -68,7 +66,7 @@ def test_what_has_no_mesh_is_told(tmp_path):
 def test_a_picture_of_the_start_the_middle_and_the_end_is_drawn(name, suffix, tmp_path):
     t_end, dt = SHORT[name]
     run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)
-    faces, owner = outside(mesh := mesh_of(run))
+    faces, owner = outside(mesh := mesh_of(run.scenario.model, run.z[0]))
     if name == "solid[n=1]":  # three cubes side by side have 14 squares for their surface, each two triangles
         assert len(faces) == 28 and set(owner) <= set(range(len(mesh.cells)))
     drawn = run.write(tmp_path / f"a.{suffix}").read_bytes()

@@ -3,7 +3,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const $ = (id) => document.getElementById(id);
 // what the page holds is packed; a table is unpacked when a view first asks for it
 const unpack = async (id) => {
-  const packed = Uint8Array.from(atob($(id).textContent), (c) => c.charCodeAt(0));
+  const text = atob($(id).textContent), packed = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i += 1) packed[i] = text.charCodeAt(i);
   return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 };
 const page = JSON.parse(await unpack("page"));
@@ -101,13 +102,19 @@ const plainWord = (text) => (/^[\w.,:=+-]+$/.test(text) ? text : `'${String(text
 const marked = (counts) => Object.entries(page.marks).filter(([m]) => counts?.[m]).map(([m, text]) => el("span", { class: "end", title: text }, `${counts[m]} ${m} `));
 const lawful = (m) => page.lawful.includes(m.name);  // they ended every run with every law kept
 
+// a column that few rows have: from which row on, and the numbers there
+const spread = ({ from, of }, size) => {
+  const found = new Array(size).fill(null);
+  from.forEach((start, k) => of[k].forEach((v, i) => { found[start + i] = v; }));
+  return found;
+};
 const loaded = {};
 const table = (name) => {
   if (!page.tables[name]) return Promise.resolve(null);
   loaded[name] ||= unpack(`table-${name}`).then((text) => {
     const found = { name, size: page.tables[name], columns: {} };
     for (const [column, values] of Object.entries(JSON.parse(text))) {
-      found.columns[column] = Array.isArray(values) ? values : values.at.map((i) => (i < 0 ? null : values.words[i]));
+      found.columns[column] = Array.isArray(values) ? values : values.words ? values.at.map((i) => (i < 0 ? null : values.words[i])) : spread(values, found.size);
     }
     return found;
   });

@@ -1,5 +1,6 @@
 // The player: a system moving, two methods side by side, E, S and the invariants as running lines. Springs in the plane
-// are drawn, coloured by temperature, and the lines that a system says itself (points); of others the variables run too.
+// are drawn, coloured by temperature, and the lines that a system says itself (points); meshes, trusses and rods in
+// space are filled by temperature, and turned by a slider; of others the variables run too.
 const TRAIL = 60;  // states of a trace
 const heat = (share) => {  // cold to hot, told apart with any kind of colour vision
   const stops = [[43, 91, 168], [126, 126, 132], [226, 116, 22]], at = Math.min(1.999, Math.max(0, 2 * share)), i = Math.floor(at);
@@ -22,12 +23,12 @@ const index = (states, t) => {  // of the last state up to t
 
 // runs: [{name, states, record, failure}] of one scenario: states are drawn, the record has E, S, J at the same or fewer times
 const player = (runs, facts) => {
-  const state = { at: 0, on: false, speed: 1, last: 0 };
+  const state = { at: 0, on: false, speed: 1, last: 0 }, meshes = facts.faces?.length ? meshView(runs, facts.faces) : null;
   const times = unique(runs.flatMap((run) => run.states.map((r) => r.t))).sort((a, b) => a - b), end = times.at(-1) || 1;
-  const temperatures = runs.flatMap((run) => lettered(run.states, "temperature").flatMap((c) => run.states.map((r) => r[c]))).filter(known);
+  const temperatures = (meshes ? runs.flatMap((run) => run.frames.flatMap((f) => f.heat)) : runs.flatMap((run) => lettered(run.states, "temperature").flatMap((c) => run.states.map((r) => r[c])))).filter(known);
   const [cold, hot] = extent(temperatures);
   const reach = reached(runs, placed(facts));
-  const sides = runs.map((run) => side(run, facts, [cold, hot], runs, reach));
+  const sides = runs.map((run) => side(run, facts, [cold, hot], runs, reach, meshes));
   const time = el("output", {}), slider = el("input", { type: "range", min: 0, max: end, step: end / 600, value: 0, "aria-label": "time",
     oninput: () => { state.at = +slider.value; show(); } });
   const show = () => {
@@ -54,6 +55,7 @@ const player = (runs, facts) => {
   play(false);
   const bar = el("div", { class: "tools" }, button, slider, time,
     select("speed", [["0.3", "slow"], ["1", "normal"], ["4", "fast"]], "1", (v) => { state.speed = +v; }),
+    meshes?.deep ? el("label", {}, "turn ", el("input", { type: "range", min: 0, max: 360, value: TURN, oninput: (event) => { meshes.turn(+event.currentTarget.value); show(); } })) : "",
     hot > cold ? el("span", { class: "soft" }, el("span", { class: "heat" }), ` θ from ${number(cold)} to ${number(hot)}`) : "");
   const whole = el("div", { class: "player" }, el("div", { class: "sides" }, sides.map((one) => one.element)), bar);
   state.at = 0;
@@ -76,15 +78,50 @@ const reached = (runs, [x, y]) => {
   return (t) => Math.max(1e-9, ...runs.map((run, i) => far[i][index(run.states, t)]));
 };
 
+// a mesh in space, seen from above at an angle, or in the plane: its size is that of the runs that ended, or of the start
+const TURN = 30, TILT = 0.45;
+const meshView = (runs, faces) => {
+  if (runs.some((run) => !run.frames.length)) return null;
+  const good = runs.filter((run) => !run.failure), places = (good.length ? good.flatMap((run) => run.frames) : runs.map((run) => run.frames[0])).flatMap((f) => f.places);
+  const [lows, highs] = [0, 1].map((end) => [0, 1, 2].map((k) => extent(places.map((p) => p[k]))[end])), centre = lows.map((low, k) => (low + highs[k]) / 2);
+  const deep = highs[2] > lows[2], away = (p) => Math.hypot(...p.map((v, k) => v - centre[k])), reach = places.reduce((most, p) => Math.max(most, away(p)), 0) || 1;
+  let [cos, sin] = [1, 0];
+  const turn = (angle) => { [cos, sin] = [Math.cos((angle * Math.PI) / 180), Math.sin((angle * Math.PI) / 180)]; };
+  if (deep) turn(TURN);
+  // to the right, upwards, and towards the eye
+  const seen = (p) => {
+    const [x, y, z] = p.map((v, k) => v - centre[k]);
+    if (!deep) return [x, y, 0];
+    const behind = sin * x + cos * y;
+    return [cos * x - sin * y, Math.cos(TILT) * z + Math.sin(TILT) * behind, Math.sin(TILT) * z - Math.cos(TILT) * behind];
+  };
+  const draw = (pen, { width, height }, frame, [cold, hot], ink) => {
+    const scaled = deep ? (0.48 * height) / reach : 0.92 * Math.min(width / (highs[0] - lows[0] || 1), height / (highs[1] - lows[1] || 1));
+    const at = frame.places.map(seen), middle = (face, k) => face.reduce((sum, i) => sum + at[i][k], 0) / face.length;
+    pen.clearRect(0, 0, width, height);
+    for (const [face, i] of faces.map((face, i) => [face, i, middle(face, 2)]).sort((a, b) => a[2] - b[2])) {
+      const filled = known(frame.heat[i]) ? heat((frame.heat[i] - cold) / (hot - cold || 1)) : ink.getPropertyValue("--soft"), solid = face.length > 2;
+      pen.beginPath();
+      face.forEach((k, j) => pen[j ? "lineTo" : "moveTo"](width / 2 + scaled * at[k][0], height / 2 - scaled * at[k][1]));
+      pen.lineWidth = solid ? 0.7 : highs[1] > lows[1] ? 5 : 40;
+      pen.strokeStyle = solid ? ink.getPropertyValue("--text") : filled;
+      if (solid) { pen.closePath(); pen.fillStyle = filled; pen.fill(); }
+      pen.stroke();
+    }
+  };
+  return { deep, turn, draw };
+};
+
 // one method: the drawing, and its running lines
-const side = (run, facts, [cold, hot], runs, reach) => {
+const side = (run, facts, [cold, hot], runs, reach, meshes) => {
   const own = facts.joints?.length ? facts.joints : null, [px, py] = placed(facts), links = own || facts.links || [];
   const ids = masses(run.states, [px, py]), elements = lettered(run.states, "temperature");
-  const canvas = ids.length && links.length ? el("canvas", { width: 640, height: 460, role: "img", "aria-label": `${run.name}: ${own ? "the system" : "the masses and springs"} at the time chosen below` }) : null;
+  const canvas = meshes || (ids.length && links.length) ? el("canvas", { width: 640, height: 460, role: "img", "aria-label": `${run.name}: ${own || meshes ? "the system" : "the masses and springs"} at the time chosen below` }) : null;
   const said = el("p", { class: "soft said" });
   const dense = run.states.length > 2 && run.states[2].t - run.states[1].t <= 1.01 * run.dt;
   const draw = (k, t) => {
     const ink = getComputedStyle(document.documentElement), pen = canvas.getContext("2d"), { width, height } = canvas;
+    if (meshes) { meshes.draw(pen, canvas, run.frames[index(run.frames, t)], [cold, hot], ink); return; }
     const size = (0.44 * height) / reach(t), at = (s, i) => (i ? [width / 2 + size * s[px + i], height / 2 - size * s[py + i]] : [width / 2, height / 2]);
     pen.clearRect(0, 0, width, height);
     pen.lineWidth = 1.5;
@@ -111,7 +148,7 @@ const side = (run, facts, [cold, hot], runs, reach) => {
       pen.beginPath(); pen.arc(x, y, i ? 9 : 4, 0, 7); pen.fill();
     }
   };
-  const all = canvas && !own ? [] : [...variablesOf(run.record), ...elements], told = all.slice(0, MOST_LINES);
+  const all = meshes || (canvas && !own) ? [] : [...variablesOf(run.record), ...elements], told = all.slice(0, MOST_LINES);
   const wanted = ["energy", "entropy", ...(facts.invariants || ["angular_momentum"]), ...told];
   const kept = wanted.filter((c) => run.record.some((r) => known(r[c])));
   const places = kept.map((c) => strip(run, c, runs));

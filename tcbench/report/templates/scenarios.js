@@ -44,11 +44,12 @@ const pair = (runs, wanted) => {
 
 const runsOf = async (scenario) => {
   const series = rows(await table("series"), { scenario }), ladder = rows(await table("conservation"), { scenario });
-  const opening = grouped(rows(await table("opening"), { scenario }), "integrator");
+  const opening = grouped(rows(await table("opening"), { scenario }), "integrator"), fields = grouped(rows(await table("fields"), { scenario }), "integrator");
   return [...grouped(series, "integrator")].map(([name, states]) => {
     const { dt, tolerance } = states[0], first = opening.get(name) || [];
     const own = ladder.find((r) => r.integrator === name && (known(dt) && dt > 0 ? Math.abs(r.dt / dt - 1) < 1e-9 : r.tolerance === tolerance));
-    return { name, states, dt: dt || Infinity, opening: first.length && first.at(-1).t < states.at(-1).t ? first : null,
+    const frames = [...grouped(fields.get(name) || [], "t")].map(([t, of]) => ({ t, places: of.filter((r) => known(r.x)).map((r) => [r.x, r.y ?? 0, r.z ?? 0]), heat: of.map((r) => r.temperature ?? null) }));
+    return { name, states, frames, dt: dt || Infinity, opening: !frames.length && first.length && first.at(-1).t < states.at(-1).t ? first : null,
       failure: own && own.status !== "ok" ? own.failure || own.status : "" };
   });
 };

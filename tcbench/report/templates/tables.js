@@ -53,8 +53,7 @@ const numeric = (chosen, c) => chosen.every((r) => r[c] === null || typeof r[c] 
 
 // a list of the tables that have rows there, one of them open
 const listings = async (place, title, where, start) => {
-  const there = [];
-  for (const name of Object.keys(page.tables)) if (!Object.keys(where).length || page.tables[name] && rows(await tableWith(name, where), where).length) there.push(name);
+  const there = Object.keys(page.tables).filter((name) => !where.scenario || page.places[name].includes(where.scenario));
   if (!there.length) return;
   const holder = el("div", {});
   let open = there.includes(start) ? start : null;
@@ -68,8 +67,6 @@ const listings = async (place, title, where, start) => {
   place.replaceChildren(el("h3", {}, title), buttons, holder);
   if (open) await show(open);
 };
-const tableWith = async (name, where) => { const found = await table(name); return Object.keys(where).every((c) => found.columns[c]) ? found : null; };
-
 const tablesView = async (place) => listings($("table-page"), "Every table of this run", {}, place.table || Object.keys(page.tables)[0]);
 
 const failuresView = async () => {
