@@ -166,7 +166,9 @@ def _again(integrator: Integrator, scenario: Scenario, rungs: list[Row], left: f
 
 
 def _too_slow(integrator: Integrator, scenario: Scenario, tolerance: float, left: float) -> bool:
-    """Would the whole run take longer than is left? From runs over parts of the horizon."""
+    """Would the whole run take longer than is left? From runs over parts of the horizon; the first is made twice, for
+    what a method prepares once for a scenario (tc_auto chooses) is no part of a run."""
+    run_once(integrator, scenario.replace(t_end=PARTS[0] * scenario.t_end), tolerance)
     for part in PARTS:
         begin = time.process_time()
         run_once(integrator, scenario.replace(t_end=part * scenario.t_end), tolerance)
