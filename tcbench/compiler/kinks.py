@@ -18,8 +18,6 @@ from .ops import TINY
 from .sentences import refused
 from .symbols import Symbol, add, const, is_const, make, mul, neg, reciprocal
 
-TWO_SIDES = "Both sides of a choice are computed: they must be finite everywhere"
-
 
 def _symbol(x: Any) -> Any:
     return const(float(x)) if isinstance(x, Real) else x

@@ -25,7 +25,6 @@ class Tally(Record, mutable=True):
     tracked: int
     tries: int
     arcs: int
-    detours: int
     folds: int
     audited: int
     wrong_roots: int

@@ -87,7 +87,6 @@ def by_arc(flow: CompiledFlow, reason: int) -> tuple[int, int]:
                 tally.audited += 1  # the principal root by construction
             return OK, jacobians
         if code != COLD_ROOT and flow.audit < PRINCIPAL:
-            tally.detours += 1
             found, more = detour(flow)
             jacobians += more
             if found == FOUND:
