@@ -23,7 +23,7 @@ import numpy as np
 
 from tcbench import Flow, Integrator, System, TcbenchError, family, hookimpl
 from tcbench.plugins import find_integrator
-from tcbench.solver.flow_kernels import apply_explicit
+from tcbench.solver.flow_kernels import correction
 from tcbench.solver.mending import (
     ENTROPY,
     LAWFUL,
@@ -39,7 +39,7 @@ from tcbench.solver.mending import (
 from .exact_conduction import VERLET_HEAT4
 from .solver_kinks import stopped_at_kinks
 
-MOVES = 10  # onto the laws at most: one where little is missed, more of a stiff spring at a long step
+MOST = 10  # slopes in a step: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
 MOVED, LEAST = 1e3, 1e-11  # tolerances by which an output may be moved, and the least of these
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
@@ -70,23 +70,23 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 
 
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
-    """z1 = z0 moved once towards the laws; explicit. The step began at `start`, the run at `first`."""
+    """What corrects z1 towards the laws, along slopes at z0. The step began at `start`, the run at `first`."""
     moved = z0 - start
     weights = by_variable(system, moved, moved) + STILL * squares(system, z0)
-    return z1 - z0 - move(system, z0, start, first, weights)
+    return towards(system, z0, z1, start, first, weights)
 
 
 def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
     """The same of a solver's output, the one before being `start`."""
-    return z1 - z0 - move(system, z0, start, first, squares(system, z0))
+    return towards(system, z0, z1, start, first, squares(system, z0))
 
 
-def move(system: System, z: Any, start: Any, first: Any, weights: Any) -> Any:
-    """From z to the laws of `first`, and the entropy of `start` at least, to first order."""
+def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, weights: Any) -> Any:
+    """To be taken from z1 for the laws of `first`, and the entropy of `start` at least, by the slopes at z0."""
     entropy = system.entropy(start)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
-    misses = [target - f for target, f in zip(wanted, laws(system, z), strict=True)]
-    return Along(system, gradients(system, z), lambda slope: weights * slope).move(misses, at_least=True)
+    misses = [target - f for target, f in zip(wanted, laws(system, z1), strict=True)]
+    return -Along(system, gradients(system, z0), lambda slope: weights * slope).move(misses, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:
@@ -95,17 +95,18 @@ def squares(system: System, z: Any) -> Any:
     return least * least + by_variable(system, z, z)
 
 
-PROJECTION = Flow(projection, of_step=True, most=MOVES)
+PROJECTION = Flow(projection, of_step=True, most=MOST)
+PROJECTION_OF_OUTPUT = Flow(projection_of_output, of_step=True, most=MOST)
 
 
-def onto_laws(system: System, start: Any, end: Any, first: Any = None, by: Callable[..., Any] = projection) -> Any:
+def onto_laws(system: System, start: Any, end: Any, first: Any = None, by: Flow = PROJECTION) -> Any:
     """The end of a step, or an output, projected; NaN where no state near it has the laws."""
     first = start if first is None else first
     wanted, entropy, left = system.observe(first), system.observe(start)[ENTROPY], np.inf
     least = system.least_sizes[1]
     allowed = LAWFUL * (least + np.abs(wanted[: len(least)]))
-    for _ in range(MOVES):
-        end = end + apply_explicit(by, system, start, end, first)
+    for _ in range(by.most):
+        end = end + correction(by, system, start, end, first)
         before, left = left, missed(system.observe(end), wanted, entropy, allowed)
         if left <= 1.0 or not left < SHRUNK * before:
             break
@@ -129,7 +130,7 @@ def _mended(states: Iterable[Any], system: System, z0: Any, tolerance: float) ->
     yield first
     for state in itertools.islice(states, 1, None):
         z = np.asarray(state, dtype=float)
-        last = onto_laws(system, last, z, first, projection_of_output)
+        last = onto_laws(system, last, z, first, PROJECTION_OF_OUTPUT)
         if (np.abs(last - z) > MOVED * max(tolerance, LEAST) * (system.least_each + np.abs(z))).any():
             last = np.nan * last  # what the laws miss is no error of the solver's, as where the energy jumps
         yield last

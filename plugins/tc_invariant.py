@@ -17,20 +17,20 @@ stay exact, and S may fall by round-off.
 from tcbench import Flow, Integrator, hookimpl
 from tcbench.compiler.derivatives import lifted, maximum
 from tcbench.solver.invariance import to_hold
-from tcbench.solver.mending import Along, moved_along, position_slopes, positions
+from tcbench.solver.mending import Along, position_slopes, positions
 
 from .tc_monolithic import tc_monolithic
 
-AT_REST = 1e-10  # of the square of DS, its part free of the others: less is damped
+AT_REST = 1e-12  # of the square of DS, its part free of the others: less is damped
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
-MOVES, WITH_THESE = 10, 3  # towards the laws at most, and as many each with the same slopes: round-off of 1e-4 is left
+MOST = 10  # slopes in a step
 
 
 def onto_invariants(z0, z1, h, system, start, first, chosen):
-    """The residual of z1 = z0 moved onto constraints, and onto the energy and the invariants that the first state of
-    the run has; explicit. The entropy stays that of z0, or is raised to that of `start`, where the step began.
+    """What corrects z1, along slopes at z0, to lie on constraints and to have the energy and the invariants of the
+    first state of the run. The entropy stays that of z0, or is raised to that of `start`, where the step began.
 
-    chosen : (names,) of the invariants to hold; () where a step changes none: then z1 = z0.
+    chosen : (names,) of the invariants to hold; () where a step changes none: then nothing is corrected.
     """
     if not chosen:
         return z1 - z0
@@ -47,7 +47,7 @@ def onto_invariants(z0, z1, h, system, start, first, chosen):
     before = system.entropy(start)
     least = before - ROUNDED * (system.least_entropy + abs(before))
     wanted = [*laws(first)[:-1], maximum(lifted(system.entropy(z0)), lifted(least))]
-    return z1 - z0 - moved_along(along, lambda z: [a - b for a, b in zip(wanted, laws(z), strict=True)], z0, WITH_THESE)
+    return -along.move([target - f for target, f in zip(wanted, laws(z1), strict=True)])
 
 
 def those_that_move(system):
@@ -56,7 +56,7 @@ def those_that_move(system):
 
 
 def projection(chosen):
-    return Flow(onto_invariants, of_step=True, most=MOVES, leaves=WITH_THESE + 1, chosen=chosen)
+    return Flow(onto_invariants, of_step=True, most=MOST, chosen=chosen)
 
 
 @hookimpl

@@ -45,18 +45,16 @@ class Flow:
         mapping name -> number, and it returns (rows, equations), one equation a number, whose slope in it is positive.
     chosen : function, optional
         What the formula has to know of a system as a whole: chosen(system), of one with symbols for constants, is
-        hashable and the formula's last argument; () of an explicit formula with `most`: there is nothing to mend.
+        hashable and the formula's last argument; () of a formula with `most`: there is nothing to mend.
     of_step : bool
         The formula has two more arguments, states (q, p, s): the one at the start of the whole step, before its first
         flow, and the first one of the run (of which it may use constants of the motion only: a step has no memory).
     memory : int
         Earlier states that the formula sees; set by the Integrator.
     most : int
-        How many times an explicit formula is applied at most, each time to the previous result, until the state has
-        the energy and the invariants of the run's first state and no less entropy than before the step; if it never
-        has, the step fails.
-    leaves : int
-        Of such a formula, the power of its change that is left to be mended; 2 of one move to first order.
+        Above 1 the formula ends a step by corrections: what it returns is taken from z1, which begins as z0, up to
+        three times; and so anew from there, `most` times at most, until the state has the energy and the invariants of
+        the run's first state and no less entropy than before the step. If it never has, the step fails.
 
     Raises
     ------
@@ -77,25 +75,24 @@ class Flow:
     of_step: bool = False
     memory: int = 0
     most: int = 1
-    leaves: int = 2
 
     def __post_init__(self) -> None:
         expect("A Flow", vars(self), KINDS_OF_FLOWS)
         _check_variables("A Flow", self.variables)
-        kinds = {"fraction": float, "stages": int, "memory": int, "most": int, "leaves": int}
+        kinds = {"fraction": float, "stages": int, "memory": int, "most": int}
         try:
             values = {name: kind(getattr(self, name)) for name, kind in kinds.items()}
         except OverflowError:
             values = {"fraction": math.inf}
-        if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1, self.leaves - 1) < 0:
+        if not math.isfinite(values["fraction"]) or min(self.stages, self.memory, self.most - 1) < 0:
             memory = "memory, the number of earlier states, from 0"
-            raise TcbenchError(f"A Flow has a finite fraction, stages from 0, most from 1, leaves from 1 and {memory}.")
+            raise TcbenchError(f"A Flow has a finite fraction, stages from 0, most from 1 and {memory}.")
         for name, value in values.items():  # a step times one of float32 had its digits
             object.__setattr__(self, name, value)
 
 
 KINDS_OF_FLOWS = {"residual": "a function", "fraction": "a number", "of_step": "True or False",
-                  **dict.fromkeys(("stages", "memory", "most", "leaves"), "a whole number")}  # fmt: skip
+                  **dict.fromkeys(("stages", "memory", "most"), "a whole number")}  # fmt: skip
 FUNCTIONS = ("step", "march", "adaptive", "outputs", "workspace", "refuses", "family")
 SETS = ("claims", "tags", "systems", "needs", "requires")  # of words
 KINDS_OF_FIELDS = {  # of what tcbench reads before it can say more

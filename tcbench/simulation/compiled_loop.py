@@ -9,21 +9,23 @@ from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
-from ..solver.linear_algebra import add_increments, dot, move
+from ..solver.linear_algebra import add_increments, move
 from ..solver.mending import LAWFUL, NEAR, SHRUNK, missed
-from ..solver.newton import ACCEPTED, REJECTED, finish, foresee, forget, largest_residual, quick
+from ..solver.newton import ACCEPTED, NEGLIGIBLE, REJECTED, finish, foresee, forget, largest_residual, quick
 from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-LITTLE = 1e-16  # of a state, what mending leaves after a change: round-off is near
+LITTLE = 1e-16  # of a state: round-off is near
+LEAST = 1e-300  # square of a state
+SHARE, ROUGH = 1e-4, 1e-9  # of what is corrected, the error of a root before; and the most of it, scaled
 
 
 class Run(Record):
     """One run: its flows, its criteria, where it is, and what it records. Dimensionless."""
 
     n: int  # length of a state
-    n_flows: int
+    n_flows: int  # that are solved; one of corrections behind them
     n_elements: int  # with a temperature: the first of what must stay positive
     n_invariants: int
     n_observables: int
@@ -34,8 +36,7 @@ class Run(Record):
     opening: Address  # prologue of the first flow and observables in one
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
-    mends: bool  # the last flow is applied until the state has the laws
-    little: float  # as squares, of a state: a change that leaves LITTLE
+    mends: bool  # corrections follow, until the state has the laws
     memory: int  # earlier states that the formula of a multistep method sees
     residuals: bool  # were they asked for?
     h: float
@@ -200,23 +201,39 @@ def measure_residual(flow: CompiledFlow) -> None:
 
 @rare
 def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bool:
-    """Open the state at which a step from z ends, the last flow applied until it has the laws; False: it never has."""
-    flow, first, entropy = run.flows[run.n_flows - 1], run.observables[FIRST], run.observables[BEFORE, S]
+    """Correct the state at which a step from z ends until it has the laws, and open it; False: it never has.
+
+    The error of a change c after k corrections with the same slopes is c^(k + 1)."""
+    flow, first, entropy = run.flows[run.n_flows], run.observables[FIRST], run.observables[BEFORE, S]
     left, before = np.inf, np.inf
     for k in range(1, flow.most + 1):
-        if k == flow.most or dot(flow.dz, flow.dz) <= run.little * dot(after, after):
+        flow.c[0] = flow.h
+        call(flow.prologue, after, flow.c, flow.w)
+        change = (flow.w[run.n] / max(flow.w[run.n + 1], LEAST)) ** 0.5
+        if not change < np.inf:
+            return False
+        if k == 1:
+            for i in range(run.n_flows):
+                run.flows[i].foreseen.enough = min(ROUGH, max(NEGLIGIBLE, SHARE * change))
+        square = change * change
+        near = square * square <= LITTLE
+        if square <= LITTLE:
+            move(after, trial, flow.w, after, trial)
+        else:
+            call(flow.polish, flow.w, flow.w, flow.d)
+            if square * change <= LITTLE or not near:
+                move(after, trial, flow.d, after, trial)
+            else:
+                call(flow.polish, flow.w, flow.d, flow.dz)
+                move(after, trial, flow.dz, after, trial)
+        if near or k == flow.most:
             open_step(run, after)
             before, left = left, missed(now, first, entropy, run.allowed)
             if left <= 1.0:
                 return True
-            if k == flow.most or not left < SHRUNK * before:
+            if not left < SHRUNK * before:
                 break
             copy_into(run.others[0], z)
-        flow.c[0] = flow.h
-        call(flow.prologue, after, flow.c, flow.w)
-        if finish(flow) != ACCEPTED:
-            return False
-        move(after, trial, flow.dz, after, trial)
     return rounded(run, now, entropy)
 
 

@@ -9,7 +9,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ..compiler.records import Rows
-from ..errors import TcbenchError
 from ..integrator import Integrator
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import Rules, make_flows, set_length
@@ -17,7 +16,7 @@ from ..solver.kernels_of_flow import FlowKernels
 from ..systems.least import entropy_size
 from ..systems.scenario import Scenario
 from ..systems.system import System
-from .compiled_loop import LITTLE, LOOPS, Run
+from .compiled_loop import LOOPS, Run
 
 ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
 ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
@@ -53,17 +52,13 @@ class Prepared:
         self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
         if method is not None:
-            mends = method.flows[-1].most > 1 and kernels[-1].mends
-            if mends and kernels[-1].n_unknowns:
-                raise TcbenchError(
-                    f"{method.name!r}: most= is of an explicit formula, which is applied again; this is solved."
-                )
             opening, n_fixed = kernels[0].opening, kernels[0].opening.size - n_observables
             rows = Rows(make_flows(method, model, math.inf, 1.0, c, self.tally, self.rules, kernels))
             fields = {
-                "opening": opening.address, "opened": rows[0].w[n_fixed : opening.size], "n_flows": len(kernels),
+                "opening": opening.address, "opened": rows[0].w[n_fixed : opening.size],
+                "n_flows": len(kernels) - (method.flows[-1].most > 1),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
-                "mends": mends, "little": LITTLE ** (2 / method.flows[-1].leaves),
+                "mends": kernels[-1].mends,
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(

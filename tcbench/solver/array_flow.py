@@ -14,7 +14,7 @@ from ..compiler import derivatives as trace
 from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from ..compiler.array_kernels import array_kernel, jacobian_kernel
 from ..compiler.array_mesh import Block, Mesh, Shorts, alone, scattered
-from ..compiler.array_states import entries
+from ..compiler.array_states import entries, refilled
 from ..compiler.derivatives import Symbol, const
 from ..compiler.elimination import ZERO_PIVOT
 from ..compiler.kernels import fixed_values, kernel
@@ -26,6 +26,7 @@ from .first_values import measured_by, plain_start
 from .foresight import jacobian_fits
 from .formula import has_roots
 from .kernels_of_flow import FlowKernels
+from .mending import product
 from .pattern import Pattern
 
 Made = Callable[[Mesh], FlowKernels]  # the kernels of a flow for a system of this mesh
@@ -71,21 +72,25 @@ def _array_flow(flow: Flow, net: Any) -> Made:
     flat = [(i, term, slope) for (i, term, _), slope in zip(flat, outputs[len(unknowns) :], strict=False)]
     scaled = [sizes[s] if s in sizes else _of_size(began[s]) for s in unknowns]
     fixed = [*(began[s] for s in unknowns), *[const(0.0)] * len(unknowns), *scaled]
-    moving = [*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *entries(dz)]
+    moving = [*residual, *(slope for _, _, slope in flat), *d_dh, *positive, *(eq.again or entries(dz))]
     # what is only read elsewhere is read there by whoever needs it: kept it would be written and read once more
-    hoisted = dict.fromkeys(v.args[0] if v.op == "take" else v for v in fixed_values(moving, unknowns, moving))
+    varying = eq.d if eq.again else unknowns
+    hoisted = dict.fromkeys(v.args[0] if v.op == "take" else v for v in fixed_values(moving, varying, moving))
     kept = alone(list(hoisted))
     inputs = {
         "a": net.blocks(z0),
         "b": [*net.constant_blocks(h), *net.blocks(eq.start)],
     }
     opening = alone(fixed, unknowns * 3)
-    reads = {"a": [*alone([None] * len(fixed), unknowns * 3), *kept], "b": alone(unknowns)}
-    before, warm = alone(residual, unknowns), alone(positive)
+    before, warm, increments, found = alone(residual, unknowns), alone(positive), alone(unknowns), net.blocks(dz)
+    if eq.again:
+        opening = [*found, *alone([product(net, dz, dz), product(net, z0, z0)])]
+        before, increments, found = net.blocks(refilled(dz, eq.again)), net.blocks(refilled(dz, eq.d)), []
+    reads = {"a": [*(Block(b.space, (None,) * len(b.symbols)) for b in opening), *kept], "b": increments}
     opened = array_kernel(inputs, [*opening, *kept, *net.blocks(net.observe(z0))], behind=True)
     iterate = jacobian_kernel(reads, before, [(term, slope) for _, term, slope in flat], warm, behind=True)
     polish = array_kernel(reads, before + warm, behind=True)
-    finish, full = array_kernel(reads, net.blocks(dz)), array_kernel(reads, alone(d_dh, unknowns))
+    finish, full = array_kernel(reads, found), array_kernel(reads, alone(d_dh, unknowns))
     steep, constrained_ = has_roots(residual), bool(eq.impulses)
     blocks, entries_of = alone(unknowns), [(i, term) for i, term, _ in flat]
     warm_spaces, shared_spaces = [v.space for v in positive], [x.space for x in shared]
@@ -99,7 +104,7 @@ def _array_flow(flow: Flow, net: Any) -> Made:
             iterate=iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1),
             polish=polish.kernel(mesh), finish=finish.kernel(mesh), full=full.kernel(mesh),
             n_unknowns=n, n_eliminated=0, n_positive=n_positive, n_shared=sum(map(mesh.size, shared_spaces)),
-            pattern=pattern, steep=steep, constrained=constrained_, mends=flow.chosen != (),
+            pattern=pattern, steep=steep, constrained=constrained_, mends=bool(eq.again) and flow.chosen != (),
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 

@@ -27,8 +27,8 @@ class Equations:
     """What is solved in a step of length h from z0, and what is made of the unknowns.
 
     start : states at the start of step and run, or slopes of earlier ones. d : increments, those of stages behind.
-    dz : increments of the state. positive : temperatures among the unknowns. inverse_sizes : 1/size of each increment,
-    impulse and number.
+    dz : increments of the state. again : those after one more correction, of `Flow.most`. positive : temperatures among
+    the unknowns. inverse_sizes : 1/size of each increment, impulse and number.
     """
 
     h: Symbol
@@ -39,6 +39,7 @@ class Equations:
     impulses: list[Symbol]
     numbers: list[Symbol]
     dz: Any
+    again: list[Symbol]
     positive: list[Symbol]
     inverse_sizes: dict[Symbol, Symbol]
 
@@ -60,7 +61,12 @@ def equations_of(flow: Flow, system: Any) -> Equations:
     numbers = {name: variable("number", NUMBER) for name in flow.numbers}
     more = [*further(flow, system, z0, h, start), *([numbers] if numbers else [])]
     found, equations = _rows(flow, view, y0, h, steps, more)
-    rows = normalised(checked_rows(flow, found, d), d, h)
+    rows, again = checked_rows(flow, found, d), list[Symbol]()
+    if flow.most > 1:
+        again = [trace.sub(x, row) for x, row in zip(d, rows, strict=True)]
+        once = trace.substitute(again, dict.fromkeys(d, const(0.0)))
+        rows = [trace.sub(x, move) for x, move in zip(d, once, strict=True)]
+    rows = normalised(rows, d, h)
     sizes = sizes_of(system, y0, z0, flow.variables)
     if system.by_array and any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):
         raise trace.refused(
@@ -87,7 +93,7 @@ def equations_of(flow: Flow, system: Any) -> Equations:
         ds = entries(system.entropy_increments(flow.variables, y0, y1))
         dz = refilled(dy, [*entries(dy)[: -len(ds)], *ds])
     positive = entries(y1.theta) if flow.variables == "temperature" else []
-    return Equations(h, z0, start, d, reduction, impulses, [*numbers.values()], dz, positive, inverse)
+    return Equations(h, z0, start, d, reduction, impulses, [*numbers.values()], dz, again, positive, inverse)
 
 
 def _rows(flow: Flow, system: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> Any:

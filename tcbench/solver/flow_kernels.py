@@ -25,7 +25,7 @@ from ..compiler.elimination import ZERO_PIVOT, factorise
 from ..compiler.formula_hash import formula_hash
 from ..compiler.kernels import constant_part, fixed_values, kernel, placed
 from ..errors import TraceError
-from ..integrator import Flow, Residual
+from ..integrator import Flow
 from ..systems.element_system import ElementSystem
 from ..systems.system import System
 from .equations import equations_of
@@ -34,6 +34,7 @@ from .foresight import foreseen
 from .formula import has_roots
 from .kernels_of_flow import FlowKernels, constants
 from .linear_algebra import STEEPEST
+from .mending import product
 from .reduction import Reduction
 
 if TYPE_CHECKING:
@@ -75,8 +76,10 @@ def _build(flow: Flow, sym: System) -> FlowKernels:
         parts = _sparse_parts(reduction, slopes, positive, h, [scaled[s] for s in x])
         guess = [const(0.0)] * len(x)
     fixed = [*plain_start(reduction).values(), *guess, *parts.scales]
+    if eq.again:
+        parts.polish, dz, fixed = eq.again, [], [*dz, product(sym, eq.dz, eq.dz), product(sym, eq.z0, eq.z0)]
     moving = [*parts.iterate, *parts.polish, *parts.full, *dz]
-    hoisted = fixed_values(moving, [*x, *parts.stored], moving)
+    hoisted = fixed_values(moving, [*x, *parts.stored, *(eq.d if eq.again else [])], moving)
     opening = [*fixed, *hoisted, *sym.observe(eq.z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
     behind = placed("b", start, sym.n_constant_values)
@@ -93,7 +96,7 @@ def _build(flow: Flow, sym: System) -> FlowKernels:
         prologue=opened if pattern else kernel(prologue_inputs, [*fixed, *hoisted]),
         opening=opened,
         iterate=kernel(reads, [*parts.iterate, *parts.stored.values()]),
-        polish=kernel(reads | stored, parts.polish),
+        polish=kernel(reads | (placed("b", eq.d) if eq.again else stored), parts.polish),
         finish=kernel(reads, dz),
         full=kernel(reads, parts.full),
         n_unknowns=len(x),
@@ -104,7 +107,7 @@ def _build(flow: Flow, sym: System) -> FlowKernels:
         steep=has_roots(reduction.rows),
         pattern=pattern,
         constrained=bool(eq.impulses),
-        mends=flow.chosen != (),
+        mends=bool(eq.again) and flow.chosen != (),
         way=f"sparse: {len(x)} unknowns" if pattern else f"unrolled: {len(x)} unknowns" if x else "explicit",
     )
 
@@ -178,39 +181,19 @@ def _ordered(reduction: Reduction) -> tuple[Pattern, list[Symbol]]:
     return pattern, entries
 
 
-_EXPLICIT: dict[tuple[Residual, tuple[Any, ...], str | None], FlowKernels] = {}
+_CORRECTIONS: dict[tuple[Flow, tuple[Any, ...], str | None], FlowKernels] = {}
 
 
-def apply_explicit(formula: Residual, system: System, start: Any, end: Any, first: Any = None) -> Any:
-    """What an explicit flow of the whole step (of_step=True) adds to `end`, by its compiled formula; shape (n,).
+def correction(flow: Flow, system: System, start: Any, end: Any, first: Any) -> Any:
+    """What one correction (`Flow.most`) adds to `end`, by the compiled formula; shape (n,).
 
-    start, first : the states at which the step and the run began; without the latter they are one.
-    TraceError for a formula that is implicit, or reads the step's length, which is not given here.
+    start, first : the states at which the step and the run began.
     """
-    key = (formula, system.structure, formula_hash(formula))
-    states = [end, start, start if first is None else first]
-    if key[-1] is None or key not in _EXPLICIT:
-        kernels = build(Flow(formula, of_step=True), system)
-        name = getattr(formula, "__name__", "formula")
-        if kernels.n_unknowns:
-            raise TraceError(
-                f"apply_explicit: {name!r} is implicit, and {kernels.n_unknowns} unknowns are left to solve for. Write "
-                "the new state as a formula of the old ones, z1 - z0 - ..., or give a method flows=."
-            )
-        found, longer = (_applied(kernels, system, h, *states) for h in (0.0, 1.0))
-        if not np.array_equal(found, longer, equal_nan=True):
-            raise TraceError(
-                f"apply_explicit: {name!r} reads the step's length h, which is not known here. Leave h out of the "
-                "formula, or give a method flows=."
-            )
-        _EXPLICIT[key] = kernels
-    return _applied(_EXPLICIT[key], system, 0.0, *states)
-
-
-def _applied(kernels: FlowKernels, system: System, h: float, end: Any, start: Any, first: Any) -> Any:
-    """What the explicit formula of these kernels adds to `end`."""
-    w = kernels.prepared(end, constants(system, h, start, first))
-    return kernels.finish(w, w)
+    key = (flow, system.structure, formula_hash(flow.residual))
+    kernels = _CORRECTIONS.get(key) or build(flow, system)
+    if key[-1] is not None:
+        _CORRECTIONS[key] = kernels
+    return kernels.prepared(end, constants(system, 0.0, start, first))[: len(end)]
 
 
 def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:

@@ -18,7 +18,7 @@ from ..systems.state import blocks_of
 from ..systems.system import System
 from .mending import product
 
-SAMPLES = 3
+SAMPLES, TRIES = 3, 30  # states at which the laws and their slopes are numbers; random ones among which there are these
 KEPT = 1e-9  # of the terms: so much less is round-off, the cancellation of differences included
 
 
@@ -50,11 +50,15 @@ def _sampled(system: System) -> tuple[Any, list[Any]]:
         kernel = kernel.kernel(system.mesh) if system.large else kernel
     rng, kept, gradients = np.random.default_rng(0), np.ones(len(names), bool), []
     out, end = np.zeros(kernel.size), 2 * len(names)
-    for _ in range(SAMPLES):
+    for k in range(TRIES):
         states = rng.uniform(0.5, 1.5, 2 * system.size)
         evaluate(kernel.address, states, rng.uniform(0.5, 1.5, system.n_constant_values), out)
+        if not np.isfinite(out).all() and k < TRIES - SAMPLES + len(gradients):
+            continue
         kept &= np.abs(out[:end:2]) <= KEPT * out[1:end:2]
         gradients.append(out[end : end + (2 + len(names)) * system.size].reshape(-1, system.size).copy())
+        if len(gradients) == SAMPLES:
+            break
     return kept, gradients
 
 

@@ -32,6 +32,9 @@ class FlowKernels:
     finish(w, x) -> z1 - z0
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
 
+    Of corrections (`Flow.most`) w begins with z1 - z0 after one of them, its square and that of z0; polish(w, z1 - z0)
+    is that after one more.
+
     Where the Jacobian is sparse, iterate gives (residual[nx], entries[nnz], thetas[npos]), polish (residual[nx],
     thetas[npos]), and full, which few runs need and which is compiled when it is first called, (d residual/dh[nx]);
     prologue and opening are one.
@@ -49,7 +52,7 @@ class FlowKernels:
     n_positive: int
     n_shared: int = 0  # the last of the unknowns, of which nothing is read: what others make them is in its place
     foresees: bool = False  # see newton.foresee
-    mends: bool = True  # it may have to be applied again: see Flow.most
+    mends: bool = False  # it ends a step by corrections: see Flow.most
     constrained: bool = False  # has impulses among its unknowns, which need not vanish at h = 0
     steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
     pattern: Pattern | None = None  # of a sparse Jacobian
@@ -59,7 +62,8 @@ class FlowKernels:
     def fields(self) -> dict[str, Any]:
         """Sizes and addresses, as `CompiledFlow` names them; everything is compiled when they are first asked for."""
         found: dict[str, Any] = {
-            "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive, "nd": self.iterate.size,
+            "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive,
+            "nd": max(self.iterate.size, self.polish.size),
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,

@@ -120,17 +120,6 @@ class Along:
         return sum(direction * a for direction, a in zip(self.weighed, along, strict=False))
 
 
-def moved_along(
-    along: Along, misses: Callable[[Any], Sequence[Any]], z: Any, moves: int, at_least: bool = False
-) -> Any:
-    """The move from z that makes up for what laws miss there and then, `moves` times in all, for what they miss
-    behind it: of a move c about c^(moves + 1) is left."""
-    move = along.move(misses(z), at_least)
-    for _ in range(1, moves):
-        move = move + along.move(misses(z + move), at_least)
-    return move
-
-
 def by_variable(system: System, x: Any, y: Any) -> Any:
     """For each number of a state the product x . y over its whole variable, which is the same in turned axes; shape
     (size,)."""

@@ -32,7 +32,8 @@ MOST_DEGREE = 8  # degree of the polynomial through the last roots at most; ...
 ENOUGH_DEGREE = 1e-8  # ... it is raised while its highest difference is larger than this
 NEAR_GUESS = 0.1  # of the size of an unknown: a guess farther from the last root is not taken
 LEAST_CURVATURE = 1e-3  # least curvature believed: one correction may show that of one direction only
-LEARNED = 1e-6  # as SQUARED, with a curvature that an earlier step has shown
+LEARNED = 1e-6  # as SQUARED, with a curvature that an earlier step has shown; ...
+LEARNED_ROUGHLY = 1e-3  # ... where no more is asked of the root than what corrections leave: see compiled_loop.mended
 SHOWN = 1e-17  # a second correction below this is round-off and shows no curvature
 DOUBT = 1.25  # factor by which the curvature is assumed to grow in a step that does not show it
 
@@ -108,6 +109,7 @@ def finish(flow: CompiledFlow) -> int:
 def forget(flow: CompiledFlow) -> None:
     """What is known of earlier steps is of another run."""
     flow.foreseen.degree, flow.foreseen.near, flow.foreseen.curvature = 0, False, 0.0
+    flow.foreseen.enough = NEGLIGIBLE
     flow.kept.made_in, flow.kept.cost, flow.kept.pause, flow.kept.stopped, flow.kept.noise = 0.0, 0.0, 0.0, 0.0, 0.0
 
 
@@ -149,8 +151,10 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     """
     w, x, d = flow.w, flow.x, flow.d
     n = flow.nx
-    previous, curvature = np.inf, flow.foreseen.curvature
-    small = LEARNED if curvature > 0.0 else SQUARED
+    previous, curvature, enough = np.inf, flow.foreseen.curvature, flow.foreseen.enough
+    small = SQUARED
+    if curvature > 0.0:
+        small = LEARNED if enough <= NEGLIGIBLE else LEARNED_ROUGHLY
     here = guess
     for iteration in range(1, MAX_ITERATIONS + 1):
         call(flow.iterate, w, here, d)
@@ -164,7 +168,7 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
         if flow.steep and delta < ROUND_OFF and not near and not solved(flow, x):
             here, previous = x, 2.0 * ROUND_OFF  # where a slope is steep the next one will be larger
             continue
-        if delta < small and curvature * delta * delta < NEGLIGIBLE:
+        if delta < small and curvature * delta * delta < enough:
             if flow.foresees:
                 flow.foreseen.curvature *= DOUBT
             return finish(flow), iteration
@@ -187,9 +191,9 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
             # the first correction does not show how its parts shrink: the one that curves most may be a small one
             contraction = likely if seen else max(likely, 0.25 * delta)
             last, seen = correction, True
-            if contraction * correction < NEGLIGIBLE:
+            if contraction * correction < enough:
                 return finish(flow), iteration
-            if likely * likely * correction > NEGLIGIBLE:
+            if likely * likely * correction > enough:
                 break
         # from z0 the first correction is the linearly implicit step, a guess as any other: the next may be as large
         previous, curvature = (2.0 * last if flow.foresees and not near else last), max(1.0, bent / (delta * delta))

@@ -154,17 +154,6 @@ def test_formulas_that_would_be_applied_once_are_refused(of_step):
         Integrator(name="twice", order=1, flows=flows if of_step else flows[:1])
 
 
-def test_a_formula_that_is_solved_is_not_applied_again():
-    """Its root is one, however often it is looked for."""
-    method = Integrator(
-        name="solved",
-        order=1,
-        flows=[Flow(lambda z0, z1, h, system, start, first: z1 + z1**3 - z0, of_step=True, most=10)],
-    )
-    with pytest.raises(TcbenchError, match="'solved': most= is of an explicit formula"):
-        tcbench.simulate(method, "rigid_body", dt=0.1, t_end=1.0)
-
-
 def test_where_no_state_is_near_the_step_fails():
     """What came before has the laws, even where the method alone blows up."""
     run = tcbench.simulate("projected", "stiff_spring", dt=0.2)

@@ -20,7 +20,7 @@ def departure(run):
 def test_it_keeps_what_others_lose(scenario):
     plain, kept = (tcbench.simulate(m, scenario) for m in ("tc_monolithic", "tc_invariant"))
     assert plain.ok and kept.ok and departure(plain) > 1e-7 and departure(kept) < 1e-13
-    assert kept.summary.energy_error_max < 1e-14 and kept.summary.entropy_increment_min > -1e-15
+    assert kept.summary.energy_error_max < 2e-14 and kept.summary.entropy_increment_min > -1e-15
     assert not lost_in(kept) and kept.integrator.claims == {"energy", "entropy", "angular_momentum"}
 
 
@@ -30,7 +30,7 @@ def test_the_cause_is_told(name, why):
     assert why in found.why and "tc_invariant keeps it" in found.why
 
 
-@pytest.mark.parametrize("scenario", [KEPT, OF["hypot"], "heavy_top", "short_term", "four_masses"], ids=str)
+@pytest.mark.parametrize("scenario", [KEPT, OF["hypot"], "heavy_top", "short_term", "four_masses", "reaction"], ids=str)
 def test_what_is_kept_anyway_is_left_alone(scenario):
     """Not a number differs from tc_monolithic's; a move would cost, and break constraints."""
     one = tcbench.plugins.find_scenario(scenario) if isinstance(scenario, str) else scenario

@@ -6,7 +6,6 @@ import pytest
 import tcbench
 from tcbench import Integrator, Scenario, TcbenchError
 from tcbench.building_blocks import phi
-from tcbench.solver.flow_kernels import apply_explicit
 from tcbench.systems.pendulum import Pendulum
 
 START = tcbench.scenarios()["short_term"]
@@ -47,29 +46,6 @@ def test_a_formula_that_returns_the_new_state_is_told_what_a_residual_is(scenari
     method = Integrator(name="euler", order=1, flows=lambda z0, z1, h, system: z0 + h * system.vector_field(z0))
     with pytest.raises(TcbenchError, match=r"does not depend on z1\. Return what is 0 where z1 is the new state"):
         tcbench.simulate(method, scenario, dt=0.05, t_end=0.1)
-
-
-def implicit(z0, z1, h, system, start, first):
-    return z1 - z0 - 0.1 * system.vector_field((z0 + z1) / 2)
-
-
-def by_the_step(z0, z1, h, system, start, first):
-    return z1 - z0 - h * system.vector_field(z0)
-
-
-def explicit(z0, z1, h, system, start, first):
-    return z1 - z0 - 0.1 * system.vector_field(z0)
-
-
-def test_explicit_formulas_are_explicit_and_know_no_step():
-    model, z0 = START.model, START.z0
-    for formula, words in (
-        (implicit, "'implicit' is implicit, and"),
-        (by_the_step, "'by_the_step' reads the step's length h"),
-    ):
-        with pytest.raises(TcbenchError, match=words):
-            apply_explicit(formula, model, z0, z0)
-    assert np.allclose(apply_explicit(explicit, model, z0, z0), 0.1 * model.vector_field(z0), rtol=1e-13)
 
 
 class Blocks(Pendulum):
