@@ -66,7 +66,7 @@ def test_faults_of_the_machine_are_never_final(error):
 # -- rows
 
 
-text = st.text(st.sampled_from("a ~/\"\\\n\0é\u2028😀"), max_size=6)
+text = st.text(st.sampled_from('a ~/"\\\n\0é\u2028😀'), max_size=6)
 numbers = st.floats(allow_nan=True, allow_infinity=True) | st.integers(-(2**53), 2**53)
 values = st.recursive(
     st.none() | st.booleans() | numbers | text,
