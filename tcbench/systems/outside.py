@@ -28,12 +28,23 @@ OUTSIDE: dict[str, tuple[Any, ...]] = {"clock": (), "work": ()}  # variables = {
 def driven(dE: Any, rates: dict[str, Any], **forces: Any) -> dict[str, Any]:
     """Rates by name with those of the outside, and with forces by the name of the momentum that they act on.
 
-    A force has the shape of its momentum; what power it has it takes from `work`. Loads that have a potential need no
-    force: they are terms of the energy with z.clock in them, as prescribed places are.
+    A force has the shape of its momentum, or is one number for all of it; what power it has it takes from `work`.
+    Loads that have a potential need no force: they are terms of the energy with z.clock in them, as prescribed places
+    are. TcbenchError for a force on what has no rate.
     """
-    power = sum(((force * getattr(dE, name)).sum() for name, force in forces.items()), 0.0)
-    moved = {name: rates[name] + force * dE.work for name, force in forces.items()}
-    return rates | moved | {"clock": dE.work, "work": -dE.clock - power}
+    rates = dict(rates)
+    power: Any = 0.0
+    for name, force in forces.items():
+        if name not in rates:
+            raise TcbenchError(
+                f"driven() has a force on {name!r}, which has no rate: give it by the name of its momentum, one of "
+                f"{', '.join(rates)}."
+            )
+        given = np.stack(force) if isinstance(force, list | tuple) else force
+        terms = given * getattr(dE, name)
+        power = power + (terms.sum() if hasattr(terms, "sum") else terms)  # of a single number it is one term
+        rates[name] = rates[name] + given * dE.work
+    return rates | {"clock": dE.work, "work": -dE.clock - power}
 
 
 def is_open(model: System) -> bool:
