@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill, rare
+from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill, late, rare
 from tcbench.compiler.library import Library
 from tcbench.compiler.looks import to_end
 from tcbench.solver.linear_algebra import add_compensated
@@ -52,7 +52,7 @@ def largest_defect(w: Work, h: float) -> float:
     return largest
 
 
-@rare
+@late
 def jump_at_kinks(w: Work, h: float) -> float:
     """The largest jump of the rates at a kink in this step, times the time between two nodes, over the sizes of the
     variables; -1: the step meets no kink. Nodes on both sides of a narrow window do not see what is in it."""
@@ -79,7 +79,7 @@ def larger(x: float, y: float) -> float:
     return y if y > x or y != y else x
 
 
-@rare
+@late
 def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
     """The same between two nodes that are h apart, whose states are `here` and `now`. before, after: the rates there,
     and behind them each number u that rates have a kink in, and its slope.
@@ -162,6 +162,7 @@ def first_part(w: Work, h: float) -> float:
     return part
 
 
+@late
 def halving_step(w: Work, h: float, z0: Floats, dz_total: Floats) -> int:
     """Increments of one step of length h. One without a solution in reach is taken in halves, and one that begins with
     an initial layer in parts that grow as it decays.
@@ -245,6 +246,7 @@ def go_to(w: Work, z: Floats) -> None:
     call(w.to_start, w.z, w.c, w.start)
 
 
+@late
 def advance(
     w: Work, times: Floats, tolerance: float, residual: float, states: Matrix, row: int, t: float, h: float
 ) -> tuple[int, float, float]:

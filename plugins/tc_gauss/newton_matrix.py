@@ -3,7 +3,7 @@ eigenvalues w of A, and what they are applied to. Equations: see `step`."""
 
 from __future__ import annotations
 
-from tcbench.compiler.language import Floats, call, fill, rare
+from tcbench.compiler.language import Floats, call, fill, late, rare
 
 from . import sparse
 from .memory import Work
@@ -73,7 +73,7 @@ def renew(w: Work, h: float, z: Floats) -> None:
     factor(w, h)
 
 
-@rare
+@late
 def solve_stages(w: Work) -> None:
     """U = what it was + (I - hA x M)^-1 (N - what it was)."""
     c = w.numbers
@@ -95,7 +95,7 @@ def solve_stages(w: Work) -> None:
             w.U[i, l] = total
 
 
-@rare
+@late
 def damp(w: Work, h: float) -> None:
     """(I - hM)^-1 of the two columns of `sides`, in place: what the flow leaves of defects."""
     if w.n_lanes > 0:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tcbench.compiler.language import Floats, Matrix, ShortInts, rare
+from tcbench.compiler.language import Floats, Matrix, ShortInts, late, rare
 from tcbench.compiler.records import Record, sized
 
 EPSILON = 2.0**-53
@@ -47,7 +47,7 @@ class Sparse(Record):
     noise: Floats = sized("1")  # what the round-off of a state makes of its rates, over the sizes of its numbers
 
 
-@rare
+@late
 def fastest(s: Sparse, turns: int, early: int) -> float:
     """The size of the largest eigenvalue of M, nearly, by the power method: mean growth, as pairs of them turn, of all
     but the early turns."""
@@ -93,7 +93,7 @@ def set_noise(s: Sparse, z: Floats, inverse_sizes: Floats) -> None:
     s.noise[0] = EPSILON * largest
 
 
-@rare
+@late
 def factor(s: Sparse, which: int, re: float, im: float) -> None:
     """LU factors of I - (re + i im) M, with the reciprocals of the pivots."""
     a, b, first, columns, diagonal, place = (

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tcbench.compiler.language import rare
+from tcbench.compiler.language import late
 
 from .memory import LAST, Work
 
@@ -103,7 +103,7 @@ def missed(w: Work, h: float) -> float:
     return total * power * power
 
 
-@rare
+@late
 def damp(w: Work) -> None:
     """The factors into the last coefficients, also of what is to keep its sign."""
     kinks = (w.order + 1) * w.size + 2

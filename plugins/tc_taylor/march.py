@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits, rare
+from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits, late, rare
 from tcbench.compiler.library import Library
 from tcbench.compiler.looks import to_end
 from tcbench.solver.mending import mended
@@ -103,7 +103,7 @@ def step_length(w: Work, tolerance: float) -> float:
     return from_bits(int(ONE + min(last, before)))
 
 
-@rare
+@late
 def rough_length(w: Work, goal: int) -> float:
     """The same where squares are none; 0 where coefficients are none."""
     least = math.inf
@@ -232,7 +232,7 @@ def go_back(w: Work) -> None:
     w.counts.rejected += 1
 
 
-@rare
+@late
 def to_kink(w: Work, h: float, tolerance: float) -> float:
     """The part of a step up to behind the first kink, looked at before it; 0 after too many that are short."""
     c = w.course

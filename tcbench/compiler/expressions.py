@@ -267,7 +267,8 @@ class Expressions(Arithmetic):
                 passed[name] = [self.part(value, i) for i in range(len(value.parts))]
         parts = [f"{m} {p}" for name, kind in callee.arguments.items()
                  for m, p in zip(machine_kinds(kind), passed[name], strict=True)]  # fmt: skip
-        code = f"call {callee.result_code} {callee.name}({', '.join(parts)})"
+        at = self.emit(f"load ptr, ptr {callee.name}") if callee.late else callee.name
+        code = f"call {callee.result_code} {at}({', '.join(parts)})"
         if callee.result == NOTHING:
             self.lines.append(f"  {code}")
             return Value(NOTHING, ())

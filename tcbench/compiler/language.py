@@ -42,6 +42,12 @@ def rare(function: F) -> F:
     return function
 
 
+def late(function: F) -> F:
+    """Mark a function that most runs do not call: it is compiled when it is first called."""
+    function.late = True  # type: ignore[attr-defined]
+    return function
+
+
 def exact(function: F) -> F:
     """Mark a function whose operations are rounded one by one, on every processor alike: none is fused with another."""
     function.exact = True  # type: ignore[attr-defined]

@@ -7,10 +7,15 @@ lock while they run. With TCBENCH_PLAIN=1 its functions are the Python functions
 from __future__ import annotations
 
 import ctypes
+import os
+import threading
+import traceback
+from _thread import interrupt_main
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,8 +64,7 @@ class Library:
             self.__dict__ |= {f.__name__: _quiet(f) for f in self.functions}
         else:
             with LOCK:  # the second of two threads reads what the first compiled
-                module = self._translated()
-                found = addresses(self.entries(), module.text, kind=LIBRARY)
+                found = _linked(self._translated(), list(self.entries()))
             self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
         return self.__dict__[name]
 
@@ -88,6 +92,43 @@ class Library:
 
 
 _CALLBACKS: list[Any] = []  # for as long as the process lives
+_LATE: dict[FunctionType, int] = {}  # addresses of late functions
+
+
+def _linked(module: Module, entries: list[str]) -> list[int]:
+    """Addresses of a module's entries; what it calls late is compiled when it is called."""
+    from .translator import LATE, MAKER
+
+    late, n = list(module.late), len(entries)
+    places = [f"{what}{k}" for k in range(len(late)) for what in (LATE, MAKER)]
+    found = addresses([*entries, *places], module.text, kind=LIBRARY)
+    for function, place, maker in zip(late, found[n::2], found[n + 1 :: 2], strict=True):
+        kept = ctypes.CFUNCTYPE(None)(partial(_make_late, function, place))
+        _CALLBACKS.append(kept)
+        ctypes.c_void_p.from_address(maker).value = ctypes.cast(kept, ctypes.c_void_p).value
+    return found[:n]
+
+
+def _make_late(function: FunctionType, place: int) -> None:
+    """Compile a late function and put its address there. Compiled code waits for it: no exception leads out of here."""
+    from .translator import Module
+
+    interrupted = False
+    while function not in _LATE:
+        try:
+            with LOCK:  # of two threads the second finds what the first has made
+                if function not in _LATE:
+                    module = Module(_SOURCES, root=function)
+                    name = module.function(function).name.strip('@"')
+                    (_LATE[function],) = _linked(module, [name])
+        except KeyboardInterrupt:
+            interrupted = True
+        except BaseException:
+            traceback.print_exc()
+            os.abort()
+    ctypes.c_void_p.from_address(place).value = _LATE[function]
+    if interrupted:  # told again when compiled code goes on
+        threading.Timer(0.02, interrupt_main).start()
 
 
 def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, int]) -> Address:

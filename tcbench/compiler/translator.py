@@ -25,6 +25,7 @@ from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError,
 
 KERNEL = Array(sized=False)
 TABLE = "@table = global ptr null"
+LATE, MAKER = "late.", "maker."  # names of places: of a late function's address, and of what has it compiled
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Function:
     arguments: dict[str, Any]
     result: Any
     fused: str  # flag of its floating-point operations
+    late: bool = False  # does its name stand for a place where its address is?
 
     @property
     def result_code(self) -> str:
@@ -83,7 +85,9 @@ def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
 class Module:
     """One LLVM module under construction."""
 
-    sources: Mapping[str, str] = field(default_factory=dict)  # texts of files as they were read before
+    sources: dict[str, str] = field(default_factory=dict)  # texts of files as they were read before
+    root: FunctionType | None = None  # a late function, of which this module is
+    late: dict[FunctionType, Function] = field(default_factory=dict)
     functions: dict[Any, Function] = field(default_factory=dict)
     code: list[str] = field(default_factory=list)
     declared: dict[str, int] = field(default_factory=dict)
@@ -109,15 +113,34 @@ class Module:
         if function in self.functions:
             return self.functions[function]
         names: Mapping[str, Any] = function.__globals__
+        if getattr(function, "late", False) and function is not self.root:
+            return self.late.get(function) or self._later(function, names)
         file = function.__code__.co_filename
-        linecache.checkcache(file)
-        now = "".join(linecache.getlines(file, dict(names)))
-        tree = source_tree(function.__code__, self.sources.get(file, ""), now)
+        tree = source_tree(function.__code__, self.sources.get(file, ""), _text_now(function))
         if function.__closure__:
             names = ChainMap(_closure(function), names)  # type: ignore[arg-type]
         hint = "noinline" if getattr(function, "rare", False) else "alwaysinline" if _is_small(tree) else ""
         name = f'@"{len(self.functions) + len(self.open)}.{function.__name__}"'
-        return self._translate(function, name, tree, names, file, f"internal {{}} {hint}", function.__annotations__)
+        form = "{}" if function is self.root else f"internal {{}} {hint}"
+        return self._translate(function, name, tree, names, file, form, function.__annotations__)
+
+    def _later(self, function: FunctionType, names: Mapping[str, Any]) -> Function:
+        """The place of the address of a late function: at first that of one which has it compiled and put there."""
+        self.sources.setdefault(function.__code__.co_filename, _text_now(function))
+        place = f'@"{LATE}{len(self.late)}"'
+        kinds = {name: kind_of(kind, names) for name, kind in function.__annotations__.items()}
+        result = kinds.pop("return")
+        made = self.late[function] = Function(place, f"{function.__name__}()", kinds, result, "", late=True)
+        parts = [f"{m} %{a}{i}" for a, kind in kinds.items() for i, m in enumerate(machine_kinds(kind))]
+        first, maker = f'@"first.{len(self.late) - 1}"', f'@"{MAKER}{len(self.late) - 1}"'
+        call = f"call {made.result_code} %made({', '.join(parts)})"
+        lines = [f"{place} = global ptr {first}", f"{maker} = global ptr null"]
+        lines.append(f"define internal {made.result_code} {first}({', '.join(parts)}) noinline nounwind {{")
+        lines += [f"  %make = load ptr, ptr {maker}", "  call void %make()", f"  %made = load ptr, ptr {place}"]
+        nothing = result == NOTHING
+        lines += [f"  {call}", "  ret void"] if nothing else [f"  %found = {call}", f"  ret {made.result_code} %found"]
+        self.code.append("\n".join([*lines, "}"]))
+        return made
 
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
         """The kernel(a, b, out) of a text, which other code reaches under this name."""
@@ -182,6 +205,13 @@ class Module:
         head = f'define {result} @"{name}"({", ".join(outer)}) nounwind {{'
         self.code.append("\n".join([head, *lines, "}"]))
         return made
+
+
+def _text_now(function: FunctionType) -> str:
+    """The file of a function as it is now."""
+    file = function.__code__.co_filename
+    linecache.checkcache(file)
+    return "".join(linecache.getlines(file, dict(function.__globals__)))
 
 
 def _closure(function: FunctionType) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, rare
+from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, late, rare
 from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
 from ..solver.flow import CompiledFlow, Tally
@@ -192,14 +192,14 @@ def begin(run: Run) -> None:
         run.allowed[i] = LAWFUL * (run.least[i] + abs(now[i]))
 
 
-@rare
+@late
 def measure_residual(flow: CompiledFlow) -> None:
     """Keep the largest scaled residual of an accepted step."""
     largest = largest_residual(flow, flow.iterate if flow.ns > 0 else flow.full, flow.x)
     flow.tally.residual_max = max(flow.tally.residual_max, largest)
 
 
-@rare
+@late
 def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bool:
     """Correct the state at which a step from z ends until it has the laws, and open it; False: it never has.
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..compiler.formula_hash import formula_hash
-from ..compiler.language import Floats, copy_into, rare, release, scratch
+from ..compiler.language import Floats, copy_into, late, release, scratch
 from ..compiler.library import evaluate
 from ..compiler.once import once
 from ..integrator import Flow, Integrator
@@ -31,7 +31,7 @@ NO_AUDIT, COUNT_WRONG, PRINCIPAL, STOP_AT_FOLD = range(4)
 SAME_ROOT = 1e-6  # scaled distance below which two roots are one
 
 
-@rare
+@late
 def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int]:
     """Increments dz of one flow of one step from `here`; returns (OK or why there are none, Newton iterations).
 
@@ -66,7 +66,7 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
     return reason, total
 
 
-@rare
+@late
 def by_arc(flow: CompiledFlow, reason: int) -> tuple[int, int]:
     """The arc's root into x and dz; returns (OK, FOLDED or why there is none, Jacobians).
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Address, Floats, call, copy_into, fill, rare
+from ..compiler.language import Address, Floats, call, copy_into, fill, late, rare
 from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, solve_pivoted
 from .sparse import FINEST, FIRST, FLOOR, SHARE, sparse_iterate
@@ -80,7 +80,7 @@ def solved(flow: CompiledFlow, x: Floats) -> bool:
     return largest_residual(flow, flow.polish if flow.ns > 0 else flow.full, x) <= SOLVED
 
 
-@rare
+@late
 def pivoted_correction(flow: CompiledFlow) -> float:
     """Newton correction into d[:nx] through the dense Jacobian; returns the sign of its determinant, 0: none."""
     n = flow.nx
@@ -113,6 +113,7 @@ def forget(flow: CompiledFlow) -> None:
     flow.kept.made_in, flow.kept.cost, flow.kept.pause, flow.kept.stopped, flow.kept.noise = 0.0, 0.0, 0.0, 0.0, 0.0
 
 
+@late
 def foresee(flow: CompiledFlow) -> None:
     """From the root in x that of the next step, if it is near: where a polynomial through the last roots points to.
 
@@ -142,6 +143,7 @@ def foresee(flow: CompiledFlow) -> None:
         flow.foreseen.degree = degree - 1
 
 
+@late
 def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     """Shamanskii's form of Newton from a near guess, into x: after each iteration, corrections with its factors
     as long as they pay; returns (ACCEPTED or REJECTED, iterations).

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import call, copy_into, rare
+from ..compiler.language import call, copy_into, late, rare
 from .flow import CompiledFlow
 from .newton import ACCEPTED, CONVERGED, NEGLIGIBLE, REJECTED, finish, newton
 from .sparse import SOLUTION, backward, forward, incomplete_factors
@@ -23,7 +23,7 @@ RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
 PAUSED = 20.0  # steps in which they are not tried, once they have failed
 
 
-@rare
+@late
 def quick_sparse(flow: CompiledFlow) -> tuple[int, int]:
     """`newton.quick` where the Jacobian is sparse."""
     n, kept = flow.nx, flow.kept

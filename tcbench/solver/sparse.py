@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Floats, Matrix, call, copy_into, fill, rare
+from ..compiler.language import Floats, Matrix, call, copy_into, fill, late, rare
 from .flow import CompiledFlow
 from .linear_algebra import SOLVED, STEEPEST, dot
 
@@ -21,7 +21,7 @@ FLOOR = 1e-8  # ... of a small correction: the next one mends it
 RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, SOLUTION = range(8)  # rows of `krylov`
 
 
-@rare
+@late
 def incomplete_factors(flow: CompiledFlow) -> bool:
     """ILU(0) of the Jacobian into `factors`; False where a pivot is too small or negative, or a slope too steep."""
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
@@ -101,7 +101,7 @@ def multiply(flow: CompiledFlow, x: Floats, solution: Floats) -> None:
         solution[i] = total
 
 
-@rare
+@late
 def krylov(flow: CompiledFlow, tolerance: float) -> bool:
     """BiCGStab (van der Vorst 1992) for J x = krylov[RIGHT], preconditioned, into krylov[SOLUTION]; did it converge?"""
     k: Matrix = flow.krylov
@@ -194,7 +194,7 @@ def corrected(flow: CompiledFlow, solution: Floats) -> None:
         flow.d[at] = solution[i] if at < flow.n_own else 0.0
 
 
-@rare
+@late
 def sparse_iterate(flow: CompiledFlow, tolerance: float, fresh: bool) -> float:
     """Residual and Jacobian at x, the correction into d[:nx], temperatures behind as `newton` reads them; the sign. See
     `sparse_correction`."""
@@ -204,7 +204,7 @@ def sparse_iterate(flow: CompiledFlow, tolerance: float, fresh: bool) -> float:
     return sparse_correction(flow, tolerance, fresh)
 
 
-@rare
+@late
 def sparse_bordered(flow: CompiledFlow, t: Floats, eta: float) -> float:
     """As `linearise`, where the Jacobian is sparse: the border is eliminated. At x; returns the sign of det B."""
     n, order, scale = flow.nx, flow.order, flow.scale

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import time
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tcbench.compiler import language
+from tcbench.compiler import language, library
 from tcbench.compiler.language import (
     Cube,
     Floats,
@@ -22,6 +23,7 @@ from tcbench.compiler.language import (
     copy_into,
     fill,
     from_bits,
+    late,
 )
 from tcbench.compiler.library import Library
 from tcbench.compiler.records import Record, Rows, sized
@@ -295,3 +297,57 @@ def test_what_is_not_translated_is_refused_with_function_line_and_text(what, tmp
     with pytest.raises(TranslationError, match=why) as caught:
         Module().function(module.f)
     assert "texts.py, line " in str(caught.value) and ("f()" in str(caught.value) or "g()" in str(caught.value))
+
+
+@late
+def total_of(x: Floats, by: float) -> tuple[float, int]:
+    total = 0.0
+    for i in range(len(x)):
+        total += by * x[i]
+    return total, len(x)
+
+
+@late
+def twice(x: Floats) -> float:
+    total, n = total_of(x, 2.0)
+    return total + n
+
+
+def perhaps(x: Floats, wanted: bool) -> float:
+    found = 0.0
+    if wanted:
+        found = twice(x)
+    return found
+
+
+def test_a_late_function_is_compiled_when_it_is_first_called_and_calls_others(monkeypatch):
+    made = []
+    linked = library._linked
+    monkeypatch.setattr(library, "_linked", lambda module, names: made.append(names) or linked(module, names))
+    of, x = Library("perhaps", perhaps), np.array([1.0, 2.0, 4.0])
+    assert of.perhaps(x, False) == 0.0 and made == [["entry.0"]]
+    assert of.perhaps(x, True) == 17.0 and made[1:] == [["0.twice"], ["0.total_of"]]
+    assert of.perhaps(2 * x, True) == 31.0 and Library("again", perhaps).perhaps(x, True) == 17.0
+    assert len(made) == 4  # the other library of its own, and no late function again
+
+
+def test_an_interrupt_while_a_late_function_is_compiled_is_told_when_compiled_code_is_left(monkeypatch):
+    @late
+    def added(x: float) -> float:
+        return x + 1.0
+
+    def caller(x: float) -> float:
+        return added(x)
+
+    def interrupted(module, names):
+        monkeypatch.setattr(library, "_linked", linked)
+        raise KeyboardInterrupt
+
+    linked = library._linked
+    of = Library("caller", caller)
+    _ = of.caller  # compiled before
+    monkeypatch.setattr(library, "_linked", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        of.caller(1.0)
+        time.sleep(0.1)
+    assert of.caller(1.0) == 2.0
