@@ -41,6 +41,9 @@ draw map map --size 8x4.4
 run=results/gallery-size
 tcbench run --study size -i tc_monolithic -i tc_strang --quiet -o "$run"
 draw size size --size 9x4.6
+run=results/gallery-mesh
+tcbench run --study mesh -i tc_monolithic --quiet -o "$run"
+draw mesh mesh
 run=results/gallery-tolerance
 tcbench run --study tolerance -s gas_containers -i tc_monolithic -i tc_auto -i scipy_odeint -i solve_ivp_radau -i gauss2 -i variational \
     --quiet -o "$run"

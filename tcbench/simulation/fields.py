@@ -66,7 +66,7 @@ def mesh_of(model: System, z0: Any, table: str | None = None) -> Mesh:
         new = np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]  # points of one element follow each other
         fixed = np.concatenate([np.zeros((0, components)), *behind])
         found = Mesh(variable, fixed, kind, rows[new], source, first, np.cumsum(new) - 1)
-        return found._replace(cells=_in_order(found, _points(model, z0, found)))
+        return found._replace(cells=_in_order(found, points_at(model, z0, found)))
     raise TcbenchError(
         f"{model.name!r} has no table of cells of places: a variable q or x over a space, of one to three components, "
         f"and a table of 2, 3, 4 or 8 of them for each element. Its tables: {', '.join(model.tables) or 'none'}."
@@ -80,7 +80,7 @@ def _places_of(model: Any, space: str, components: int, flat: int) -> Any:
     return None
 
 
-def _points(model: System, z: Any, mesh: Mesh) -> NDArray[np.float64]:
+def points_at(model: System, z: Any, mesh: Mesh) -> NDArray[np.float64]:
     """All places in a state, shape (n, d)."""
     q = np.asarray(getattr(model.state(z), mesh.places))
     return np.concatenate([q.reshape(-1, mesh.fixed.shape[1]), mesh.fixed])
@@ -110,7 +110,7 @@ def records(
     """Of each recorded state, or of these: time, points (n, 3), fields of the points and of the cells."""
     model, count = run.scenario.model, len(mesh.cells)
     declared, weight = type(model).declared_variables(), np.bincount(mesh.of_cell)
-    start, behind = _points(model, run.z[0], mesh), len(mesh.fixed)
+    start, behind = points_at(model, run.z[0], mesh), len(mesh.fixed)
     sizes = {mesh.target: len(start) - behind, mesh.source: len(mesh.of_cell)}
 
     def of_points(x: Any) -> Any:
@@ -123,7 +123,7 @@ def records(
         return mean[:, 0] if x.shape[1] == 1 else mean
 
     for k in range(len(run.t)) if rows is None else rows:
-        z, points = model.state(run.z[k]), _points(model, run.z[k], mesh)
+        z, points = model.state(run.z[k]), points_at(model, run.z[k], mesh)
         on_points, on_cells = {"displacement": _three((points - start).reshape(len(points), -1))}, dict[str, Any]()
         fields = {n: (space_of(d), getattr(z, n)) for n, d in declared.items() if n != mesh.places}
         theta = run.temperatures[k]
@@ -187,7 +187,7 @@ def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:
     cells = [(mesh.kind, mesh.cells)]
     with writing(repr(str(path))):
         if path.suffix == ".xdmf":
-            start = _three(_points(run.scenario.model, run.z[0], mesh))
+            start = _three(points_at(run.scenario.model, run.z[0], mesh))
             with meshio.xdmf.TimeSeriesWriter(str(path), data_format="XML") as series:
                 series.write_points_cells(start, cells)
                 for t, _, on_points, on_cells in records(run, mesh):

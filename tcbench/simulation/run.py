@@ -214,7 +214,7 @@ def run_flows(
             for flow, made in zip(integrator.flows, kernels, strict=True)
             if not finite_at_rest(made, flow.memory, model, run.z, dt)
         ]
-        if any(made.pattern and made.pattern.left_out for made in kernels):
+        if any(flow.kept.lost for flow in run.flows.records):
             failure += (
                 ": iterations did not solve its linear equations, too many to be factorised; a shorter dt is needed"
             )

@@ -47,6 +47,7 @@ class OldFactors(Record, mutable=True):
     pause: float  # steps without
     stopped: float  # size of a correction that no longer shrank
     noise: float  # size of a correction that is known to be round-off
+    lost: float  # linear systems of this step that were not solved, and are too large to be factorised
 
 
 class CompiledFlow(Record):
@@ -63,6 +64,7 @@ class CompiledFlow(Record):
     n_own: int  # of these the first, which are no shared numbers: see compiler.array_jacobian.shared_as_unknowns
     nnz: int  # entries of the sparse one
     krylov_steps: int  # of BiCGStab, after which the sparse matrix is factorised
+    too_large: bool  # is it, to be factorised?
     nfull: int  # residual, Jacobian, d residual/dh
     n_constants: int
     n_observables: int

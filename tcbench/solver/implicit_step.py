@@ -39,6 +39,7 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
     """
     tally, factors = flow.tally, scratch(flow.nnz)
     copy_into(flow.start, here)
+    flow.kept.lost = 0.0
     for k in range(flow.nnz):
         factors[k] = flow.factors[k]
     set_step(flow, 1.0)
@@ -55,6 +56,8 @@ def solve_flow(flow: CompiledFlow, here: Floats, solved: bool) -> tuple[int, int
             tally.tracked += 1
             tally.tries += tries
     reason = OK if code == ACCEPTED else NONCONVERGED
+    if code != ACCEPTED and flow.too_large:
+        return NONCONVERGED, total  # the arc asks for factors
     if (code != ACCEPTED and flow.continuation) or flow.audit != NO_AUDIT:
         reason, count = by_arc(flow, reason)
         total += count

@@ -67,15 +67,15 @@ class FlowKernels:
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,
-            "ns": 0, "n_own": 0, "nnz": 0, "krylov_steps": 0, "foresees": self.foresees, "steep": self.steep,
-            "constrained": self.constrained,
+            "ns": 0, "n_own": 0, "nnz": 0, "krylov_steps": 0, "too_large": False,
+            "foresees": self.foresees, "steep": self.steep, "constrained": self.constrained,
         }  # fmt: skip
         p = self.pattern
         if p is None:
             return found | {"full": self.full.address}
         found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
         found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
-        found |= {"n_own": p.n - self.n_shared, "krylov_steps": p.krylov_steps}
+        found |= {"n_own": p.n - self.n_shared, "krylov_steps": p.krylov_steps, "too_large": p.too_large}
         sizes = found["nw"], p.n, self.full.size
         return found | {"full": callback(lambda *arrays: call(self.full.address, *arrays), sizes)}
 

@@ -21,6 +21,7 @@ MAX_ITERATIONS = 8
 ROUND_OFF = 4e-16  # a correction below this changes nothing
 CONVERGED = 1e-10  # a correction below this that no longer shrinks is round-off of the equations: the root is found
 QUADRATIC = 1e-8  # the same, of one that is a thousandth of the one before
+MOST_LOST = 4.0  # linear systems that are not solved, after which a step is given up: each takes long
 CHORD = 1e-2  # below this `newton` follows with a correction by the same factors, whose size tells the error left
 QUICK = 0.3  # below this `quick` tries corrections with the factors that it has
 SQUARED = 1e-11  # below this the error left is below round-off, for curvatures (error over correction^2) up to 1e6
@@ -333,7 +334,7 @@ def track(flow: CompiledFlow) -> tuple[int, int, int]:
     fill(last, 0.0)  # increments vanish at h = 0
     fill(old, 0.0)
     for attempt in range(1, TRACK_TRIES + 1):
-        if step < TRACK_MIN:
+        if step < TRACK_MIN or flow.kept.lost > MOST_LOST:
             return REJECTED, iterations, attempt
         target = min(1.0, done + step)
         set_step(flow, target)

@@ -15,6 +15,7 @@ from ..compiler.once import cached_property
 DENSE = 100  # rows up to which LAPACK on the whole matrix takes less time than SuperLU: a tenth of it, of 50 rows
 BORDER = 4  # rows that see most others, from which on they are eliminated by themselves
 KRYLOV_STEPS, A_BAND = 30, 0.2  # iterations before a matrix is factorised: at least, and for each number of its width
+MORE = 2  # times as many where it cannot be factorised
 FILL = 2.6  # entries of the factors of a mesh in space for each row and number of its width, and half of it in a plane
 MOST_FILL = 3e8  # of them: 4 GB, and minutes for a factorisation
 SHARED = 20  # times the root of their number: a row that sees more is of what all share, as a bath
@@ -52,7 +53,6 @@ class Pattern:
         self.first = np.searchsorted(key, np.arange(n + 1) * n).astype(np.int32)
         self.diagonal = found[len(rows) :][self.order].astype(np.int32)
         self.band = float((np.arange(n) - self.columns[self.first[:-1]]).mean()) if n else 0.0  # mean width
-        self.left_out = False  # was it to be factorised, and too large for that?
 
     @property
     def nnz(self) -> int:
@@ -61,7 +61,12 @@ class Pattern:
     @property
     def krylov_steps(self) -> int:
         """Iterations after which it is factorised: of a mesh in space these cost less, however many, than its fill."""
-        return max(KRYLOV_STEPS, int(A_BAND * self.band))
+        return max(KRYLOV_STEPS, int(A_BAND * self.band)) * (MORE if self.too_large else 1)
+
+    @property
+    def too_large(self) -> bool:
+        """Is it too large to be factorised?"""
+        return FILL * self.n * self.band > MOST_FILL
 
     @cached_property
     def factorise(self) -> int:
@@ -71,9 +76,7 @@ class Pattern:
 
     def _factorise(self, J: Any, right: Any, out: Any) -> None:
         out[:] = 0.0
-        if FILL * self.n * self.band > MOST_FILL:
-            self.left_out = True
-        elif np.all(np.isfinite(J)):
+        if not self.too_large and np.all(np.isfinite(J)):
             (self._dense if self.n <= DENSE else self._sparse)(J, right, out)
 
     def _bordered(self, J: Any, right: Any, out: Any) -> bool:

@@ -23,7 +23,10 @@ RIGHT, SHADOW, SEARCH, IMAGE, MOVED, SMOOTHED, OTHER, SOLUTION = range(8)  # row
 
 @late
 def incomplete_factors(flow: CompiledFlow) -> bool:
-    """ILU(0) of the Jacobian into `factors`; False where a pivot is too small or negative, or a slope too steep."""
+    """ILU(0) of the Jacobian into `factors`; False where a pivot is too small or negative, or a slope too steep.
+
+    A small one is not trusted where a whole factorisation is at hand, which takes less time than many iterations.
+    """
     first, columns, diagonal, factors, place = flow.first, flow.columns, flow.diagonal, flow.factors, flow.place
     for k in range(flow.nnz):
         factors[k] = flow.entries[k]
@@ -49,7 +52,7 @@ def incomplete_factors(flow: CompiledFlow) -> bool:
         for k in range(start, stop):
             place[columns[k]] = 0
         pivot = factors[diagonal[i]]
-        if not pivot > LEAST_PIVOT * largest:
+        if not pivot > (0.0 if flow.too_large else LEAST_PIVOT * largest):
             factors[diagonal[0]] = 0.0  # no inverse pivot: what stands here is half made
             return False
         factors[diagonal[i]] = 1.0 / pivot  # the inverse is kept
@@ -176,7 +179,8 @@ def sparse_correction(flow: CompiledFlow, tolerance: float, fresh: bool) -> floa
     if (stale or incomplete_factors(flow)) and krylov(flow, tolerance):
         corrected(flow, solution)
         return 1.0
-    if flow.steep and sparse_stuck(flow):
+    if flow.too_large or (flow.steep and sparse_stuck(flow)):
+        flow.kept.lost += 1.0
         return 0.0
     for i in range(n):
         right[i] = -flow.residual[order[i]]

@@ -86,7 +86,7 @@ def test_a_force_may_be_a_number_and_one_on_nothing_is_told(shape):
     z = run.scenario.model.state(run.z)
     path = (z.q[-1] - z.q[0]).sum()
     assert supplied(run)["work"][-1] == pytest.approx(0.3 * path, abs=1e-14) and run.summary.energy_error_max < 1e-14
-    with pytest.raises(TcbenchError, match="force on 'push', which has no rate: give it .* one of q, p"):
+    with pytest.raises(TcbenchError, match=r"force on 'push', which has no rate: give it .* one of q, p"):
         tcbench.simulate("tc_monolithic", replace(run.scenario, system=type("Lost", (Pushed,), {"on": "push"})))
 
 

@@ -1,4 +1,4 @@
-"""Cost against size: a row of panels for each family of systems that grow."""
+"""Cost and error against size: a row of panels for each family of systems that grow."""
 
 from __future__ import annotations
 
@@ -43,7 +43,31 @@ def _lines(rows: DataFrame, fits: DataFrame | None, family: str, column: str) ->
     return Panel(series, column_named("numbers").label, column_named(column).label, title=family, note=note)
 
 
+@chart
+def mesh(table: DataFrame) -> Sheet:
+    """Distance from the finest run against the numbers of a state, at the shortest step, and against the step, on the
+    finest mesh; a row of panels a family.
+
+    table : rows of `mesh`. Runs that failed are left out.
+    """
+    shown = []
+    for family in names(table, "family"):
+        rows = table[ok(table) & (table["family"].astype(str) == family)]
+        for x, held, end in (("numbers", "dt", "min"), ("dt", "numbers", "max")):
+            best = rows.groupby("integrator")[held].transform(end)
+            good = rows[(rows[held] == best) & (finite(rows["mesh_error"]) > 0)].sort_values(x)
+            lines = [
+                Series(str(name), finite(of[x]), finite(of["mesh_error"])) for name, of in good.groupby("integrator")
+            ]
+            label = column_named("mesh_error").label
+            note = "" if lines else "no two completed runs to compare"
+            shown.append(Panel(lines, column_named(x).label, label, title=family, note=note))
+    return Sheet(shown, 2, (3.6, 2.7))
+
+
 CHARTS = (
+    Chart("mesh", "Distance of nodes from the finest run, against mesh and step.", ("mesh",), mesh,
+          by_scenario=False, study="mesh"),
     Chart("size", "Times and memory against the size of a system; the number at a line's end is its exponent.",
           ("size",), size, ("size_exponents",), by_scenario=False, options=("y",), study="size"),
 )  # fmt: skip
