@@ -20,6 +20,8 @@ const simple = (head, lines) => {
     el("tbody", {}, lines.map((line) => el("tr", {}, line.map(inside))))));
 };
 
+const here = (m, scenario) => el("a", { href: link({ scenario, method: m.name }) }, short(scenario));  // the method on it
+
 const orders = async (m) => {
   const fits = rows(await table("convergence"), { integrator: m.name });
   if (!fits.length) return null;
@@ -30,7 +32,7 @@ const orders = async (m) => {
     const line = panel.series.find((s) => s.at.length) || { found: { columns: {} }, at: [] }, variable = line.found.columns.variable?.[line.at[0]];
     const of = (s) => fits.find((r) => r.scenario === s && r.variable === variable), fit = of(inMethod.scenario);
     const lines_ = where.map(of).filter(Boolean)
-      .map((r) => [el("a", { href: link({ scenario: r.scenario, method: m.name }) }, r.scenario), known(r.order) ? r.order.toFixed(3) : "–", known(r.order_low) ? `${r.order_low.toFixed(3)} to ${r.order_high.toFixed(3)}` : "–", r.points_used ?? "–",
+      .map((r) => [here(m, r.scenario), known(r.order) ? r.order.toFixed(3) : "–", known(r.order_low) ? `${r.order_low.toFixed(3)} to ${r.order_high.toFixed(3)}` : "–", r.points_used ?? "–",
         known(r.dt_min) ? `${number(r.dt_min)} to ${number(r.dt_max)}` : "–", r.verdict || ""]);
     root.replaceChildren(el("div", { class: "tools" },
       select("scenario", where.map((s) => [s, s]), inMethod.scenario, (s) => { inMethod.scenario = s; draw(); }),
@@ -47,7 +49,7 @@ const orders = async (m) => {
 const stable = async (m) => {
   const all = rows(await table("stability"), { integrator: m.name });
   if (!all.length) return null;
-  const lines_ = all.map((r) => [el("a", { href: link({ scenario: r.scenario, method: m.name }) }, r.scenario),
+  const lines_ = all.map((r) => [here(m, r.scenario),
     r.limit === "none" ? `no limit up to ${number(r.dt_cap)}` : r.limit ? number(r.dt_stable) : "no answer", r.limit && r.limit !== "none" ? `${r.limit}: ${LIMITS[r.limit] || ""}` : r.failure || "",
     r.limit_plain === "none" ? `no limit up to ${number(r.dt_cap)}` : number(r.dt_stable_plain)]);
   return [simple(["scenario", "largest stable h", "what ends it", "with plain Newton"], lines_)];
@@ -59,7 +61,7 @@ const speedOf = async (m) => {
   const where = unique(mine.map((r) => r.scenario)), place = el("div", {}), root = el("div", {});
   if (!where.includes(inMethod.speed)) inMethod.speed = where.includes(page.opening) ? page.opening : where[0];
   const reached = rows(await table("time_to_accuracy"), { integrator: m.name, measure: "error" });
-  const lines_ = where.map((s) => [s, ...[1e-3, 1e-6, 1e-9].map((target) => {
+  const lines_ = where.map((s) => [here(m, s), ...[1e-3, 1e-6, 1e-9].map((target) => {
     const row = reached.find((r) => r.scenario === s && r.target === target);
     return row ? (known(row.time_s) ? seconds(row.time_s) : "not reached") : "–";
   })]);
@@ -77,7 +79,7 @@ const ended = async (m) => {
   const found = [];
   for (const [study, step] of [["conservation", "dt"], ["work_precision", "value"], ["convergence_points", "dt"]]) {
     for (const r of rows(await table(study), { integrator: m.name })) {
-      if (r.status && r.status !== "ok" && (study !== "convergence_points" || r.variable === "all")) found.push([el("a", { href: link({ scenario: r.scenario, method: m.name }) }, short(r.scenario)), words(study.replace("_points", "")), known(r[step]) ? number(r[step]) : known(r.tolerance) ? `tol ${number(r.tolerance)}` : "–", r.status, r.failure || r.reason || ""]);
+      if (r.status && r.status !== "ok" && (study !== "convergence_points" || r.variable === "all")) found.push([here(m, r.scenario), words(study.replace("_points", "")), known(r[step]) ? number(r[step]) : known(r.tolerance) ? `tol ${number(r.tolerance)}` : "–", r.status, r.failure || r.reason || ""]);
     }
   }
   return found.length ? simple(["scenario", "study", "step or tolerance", "status", "what happened"], found.slice(0, 200)) : empty("Every run of this method reached its end.");

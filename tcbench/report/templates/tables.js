@@ -83,11 +83,14 @@ const linked = (text) => el("span", { class: text.length > 28 ? "text" : false }
 const claimsView = async (place) => {
   const root = $("claim-page"), all = rows(await table("claims"));
   const rank = (r) => (r.verdict === "holds" ? 2 : r.verdict ? 0 : 1), verdict = (r) => r.verdict || "not measured", list = el("div", {});
-  const show = (wanted) => list.replaceChildren(simple(["claim", "section", "expected", "measured", "verdict", "why"], all.filter((r) => !wanted || verdict(r) === wanted).map((r, i) => [r, i]).sort(([a, i], [b, j]) => rank(a) - rank(b) || i - j)
+  const sought = el("input", { type: "search", value: place.search || "", oninput: () => { remember({ claims: "", search: sought.value }); show(); } });
+  const found = (r) => [r.claim, r.section].join(" ").toLowerCase().includes(sought.value.toLowerCase());
+  let wanted = all.some((r) => verdict(r) === place.verdict) ? place.verdict : "";
+  const show = () => list.replaceChildren(simple(["claim", "section", "expected", "measured", "verdict", "why"], all.filter((r) => found(r) && (!wanted || verdict(r) === wanted)).map((r, i) => [r, i]).sort(([a, i], [b, j]) => rank(a) - rank(b) || i - j)
     .map(([r]) => [linked(r.claim || ""), r.section || "", r.expected || "", linked(r.measured || ""), verdict(r), el("div", { class: "text" }, r.why || "", r.command ? again(r.command) : "")])));
   root.replaceChildren(el("h2", {}, "The paper's claims"), el("p", {}, page.paper), el("div", { class: "tools" },
-    select("verdict", [["", `all ${all.length}`], ...[...grouped(all.map((r) => ({ v: verdict(r) })), "v")].map(([v, of]) => [v, `${v} (${of.length})`])], place.verdict || "", (v) => { remember({ claims: "", verdict: v }); show(v); })), list);
-  show(all.some((r) => verdict(r) === place.verdict) ? place.verdict : "");
+    select("verdict", [["", `all ${all.length}`], ...[...grouped(all.map((r) => ({ v: verdict(r) })), "v")].map(([v, of]) => [v, `${v} (${of.length})`])], wanted, (v) => { wanted = v; remember({ claims: "", verdict: v }); show(); }), el("label", {}, "Search ", sought)), list);
+  show();
   if (!page.tables.literature) return;
   for (const [who, list] of grouped(rows(await table("literature")), "stated_by"))
     root.append(el("h2", {}, who === "tcbench" ? "Beside it, measured by tcbench" : `Stated by ${who}`),
