@@ -45,7 +45,7 @@ def together(
         store.problems += [problem for problem in run.problems if problem not in store.problems]
         there = {kind: {n for of in every.values() for t in of if kind in t for n in t[kind].dropna()} for kind in PAIR}
         scenes, known = more.get("scenarios", {}), declared.get("scenarios", {})
-        changed = [s for s in scenes if s in known and scenes[s] | {RATES: 0} != known[s] | {RATES: 0}]
+        changed = [s for s in scenes if s in known and not _alike(scenes[s], known[s])]
         renamed = {"integrator": {m: _of_run(m, label) for m in names(found, "integrator") if m in there["integrator"]},
                    "scenario": {s: _of_run(s, label) for s in changed}}  # fmt: skip
         factor, why = _yardstick({name: of[0] for name, of in every.items()}, found, store, run, label, changed)
@@ -62,6 +62,12 @@ def together(
     said.insert(0, COMPARABLE)
     whole = {name: pd.concat(of, ignore_index=True) for name, of in every.items()}
     return whole, declared, said
+
+
+def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Do two runs say the same of a scenario, in all that both say? Another version may say more; rates are of a
+    machine's last digits."""
+    return all(one[key] == other[key] for key in (one.keys() & other.keys()) - {RATES})
 
 
 def _of_run(name: str, label: str) -> str:
@@ -92,7 +98,10 @@ def _yardstick(
             mine, theirs = (of_a_step(of[name]) for of in (tables, found))
             ratio = (mine / theirs[~theirs.index.get_level_values("scenario").isin(changed)]).dropna()
             if len(ratio):
-                factor, of = float(ratio.median()), f"of a step's time over {len(ratio)} methods and scenarios"
+                factor, of = (
+                    float(ratio.median()),
+                    f"of a step's time over {len(ratio)} pair{'s' * (len(ratio) > 1)} of method and scenario",
+                )
                 told = f"{label} was measured on {beside}: its times are multiplied by {factor:.2g}, the median ratio"
                 return factor, f"{told} {of} that both have."
     return 1.0, f"{label} was measured on {beside} and shares no timed method: its times do not compare."
