@@ -7,21 +7,20 @@ The step ends in z~ = z0 + h sum b_i f_i, f_i = f(Y_i), and misses both laws by 
 
 the energy is exact, and the entropy grows by its own quadrature, each term of which is grad S . M grad S >= 0, so that
 it never falls. Of all such weights those of the shortest move are taken, along the parts of grad E and grad S that the
-stages span; their two sizes are the only unknowns. Further invariants are kept as well as the method keeps them: where
+stages span. Further invariants are kept as well as the method keeps them: where
 the stages are nearly parallel, as at small steps, they do not span the slopes of more laws.
 """
 
 from tcbench import Flow, Integrator, family, hookimpl
 from tcbench.compiler.derivatives import lifted
-from tcbench.solver.mending import product
+from tcbench.solver.mending import Along, product
 
 from .relaxation import TABLEAUX
 
 DEPENDENT = 1e-10  # of a rate, its part that is free of those before: round-off
-TINY, NONE = 1e-300, 1e-30  # beside squares that may be 0, of rates and of slopes
+TINY = 1e-300  # beside squares that may be 0, of rates
 AT_REST = 1e-10  # of the square of DS, its part free of DE: less is damped
-SAME = 1e-6  # the same of DE, which may be next to 0
-ROUND_OFF = 1e-15  # of such a square
+MOST = 10  # slopes in a step
 
 
 def stages(order, z0, h, system):
@@ -48,40 +47,6 @@ def orthogonal(system, rates, units):
     return found
 
 
-def onto_laws(system, shares, start, z0, z1, turned, produced):
-    """z1 = z0 moved along slopes of both laws, each `turned` into a direction by a symmetric matrix, so that the energy
-    is that of `start` and the entropy that of z0 and what is to be `produced`."""
-    a, b = shares.values()
-    before = system.discrete_gradient(start, z0), system.discrete_entropy_gradient(start, z0)
-    ways, sizes, left = free_parts(system, before, turned)
-    rest, entropy = AT_REST**2 / (left[1] + NONE), (left[1] + NONE) ** 0.5
-    move = ways[0] * a + ways[1] * (b / entropy)
-    DE, DS = system.discrete_gradient(start, z1), system.discrete_entropy_gradient(z0, z1)
-    kept = lifted(product(system, DE, z1 - start)) * sizes[0] + (SAME / (left[0] + ROUND_OFF)) ** 8 * a
-    made = (lifted(product(system, DS, move)) - produced) * sizes[1]
-    return z1 - z0 - move, [kept, (entropy * made + rest * b) / (left[1] + rest)]
-
-
-def free_parts(system, slopes, turned):
-    """Directions, each the part of a slope that leaves the laws before it alone (Gram and Schmidt); 1 over the size of
-    each slope; and the square of its free part, over that of the slope."""
-    ways, sizes, left = [], [], []
-    for slope in slopes:
-        way = turned(slope)
-        size = 1 / (lifted(product(system, slope, way)) + NONE) ** 0.5
-        way = way * size
-        shares = [
-            lifted(product(system, slope, other)) * size / (square + ROUND_OFF)
-            for other, square in zip(ways, left, strict=True)
-        ]
-        for share, other in zip(shares, ways, strict=True):
-            way = way - other * share
-        ways.append(way)
-        sizes.append(size)
-        left.append(abs(lifted(product(system, slope, way)) * size))
-    return ways, sizes, left
-
-
 def runge_kutta(order):
     def residual(z0, z1, h, system):
         _, rates, b = stages(order, z0, h, system)
@@ -91,26 +56,24 @@ def runge_kutta(order):
 
 
 def weighed_anew(order):
-    def residual(z0, z1, h, system, start, first, shares=None):
-        if not shares:
-            return z1 - z0
+    def corrections(z0, z1, h, system, start, first):
+        """Of z1, towards the energy of the run and the entropy that the stages produce, along what they span."""
         states, rates, b = stages(order, start, h, system)
-
         directions = orthogonal(system, rates, system.least_of(start) ** 2)
 
         def combined(slope):
             return sum(e * lifted(product(system, slope, e)) for e in directions)
 
-        wanted = sum(
+        produced = sum(
             h * w * lifted(product(system, system.entropy_gradient(Y), f))
             for Y, f, w in zip(states, rates, b, strict=True)
             if w
         )
-        DS = system.discrete_entropy_gradient(start, z0)
-        produced = wanted - lifted(product(system, DS, z0 - start))
-        return onto_laws(system, shares, start, z0, z1, combined, produced)
+        along = Along(system, [system.gradient(z0), system.entropy_gradient(z0)], combined, AT_REST)
+        wanted = system.energy(first), system.entropy(start) + produced
+        return -along.move([wanted[0] - system.energy(z1), wanted[1] - system.entropy(z1)])
 
-    return residual
+    return corrections
 
 
 def multiple_relaxation(order="4"):
@@ -120,7 +83,7 @@ def multiple_relaxation(order="4"):
         order=p,
         claims={"energy", "entropy"},
         source="Biswas and Ketcheson (2023), SIAM J. Sci. Comput. 45: A3305-A3331; Ranocha et al. (2020)",
-        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, numbers=("energy", "entropy"))],
+        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, most=MOST)],
         tags={"explicit", "projected"},
         by_default=False,
     )

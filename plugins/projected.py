@@ -34,6 +34,8 @@ from tcbench.solver.mending import (
     gradients,
     laws,
     missed,
+    position_slopes,
+    positions,
 )
 
 from .exact_conduction import VERLET_HEAT4
@@ -62,6 +64,8 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
         outputs = method.outputs and _projected_outputs(method.adaptive, method.outputs)
         return replace(method, **common, adaptive=_projected_solver(method.adaptive), outputs=outputs)
     if method.kind == "flows":
+        if not any(flow.stages or flow.of_step for flow in method.flows):
+            common["tags"] |= {"constraints"}
         return replace(method, **common, flows=[*method.flows, PROJECTION])
     assert method.step is not None
     # each step is projected before the next begins, so the loop of a method that marches by itself is left unused
@@ -86,7 +90,11 @@ def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, weights: A
     entropy = system.entropy(start)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
     misses = [target - f for target, f in zip(wanted, laws(system, z1), strict=True)]
-    return -Along(system, gradients(system, z0), lambda slope: weights * slope).move(misses, at_least=True)
+    misses, slopes = (
+        [*(-g for g in positions(system, z1)), *misses],
+        [*position_slopes(system, z0), *gradients(system, z0)],
+    )
+    return -Along(system, slopes, lambda slope: weights * slope).move(misses, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:

@@ -36,7 +36,8 @@ class Run(Record):
     opening: Address  # prologue of the first flow and observables in one
     every: int  # steps from one record to the next
     of_step: bool  # formulas see the start of the whole step
-    mends: bool  # corrections follow, until the state has the laws
+    mends: bool  # corrections follow, until the state has the laws; ...
+    holds: bool  # ... the invariants among them
     memory: int  # earlier states that the formula of a multistep method sees
     residuals: bool  # were they asked for?
     h: float
@@ -189,7 +190,7 @@ def begin(run: Run) -> None:
     copy_into(run.states[0], run.z)
     copy_into(run.records[0], now)
     for i in range(len(run.allowed)):
-        run.allowed[i] = LAWFUL * (run.least[i] + abs(now[i]))
+        run.allowed[i] = LAWFUL * (run.least[i] + abs(now[i])) if run.holds or i < FIRST_INVARIANT else np.inf
 
 
 @late
@@ -245,7 +246,7 @@ def rounded(run: Run, now: Floats, entropy: float) -> bool:
         miss, most = abs(now[i] - value), NEAR * (run.least[i] + abs(value))
         if i == S:
             miss = entropy - now[S]
-        if not miss <= most:
+        if not (miss <= most or run.allowed[i] == np.inf):
             return False
         run.allowed[i] = max(run.allowed[i], min(2.0 * miss, most))
     return True

@@ -120,6 +120,7 @@ def conservation(run: Trajectory) -> dict[str, Any]:
         **invariant_errors(run),
         **constraint_errors(run),
         **({f"{kind}_supplied": float(x[-1]) for kind, x in supplied(run).items()} if is_open(scenario.model) else {}),
+        **({"constraints_dependent": said} if (said := run.constraints_dependent) else {}),
         **({"invariants_lost": said} if (said := "; ".join(x.sentence for x in lost_in(run))) else {}),
         "lyapunov_increment_max": told.lyapunov_increment_max,
         "residual_max": told.residual_max,

@@ -58,7 +58,7 @@ class Prepared:
                 "opening": opening.address, "opened": rows[0].w[n_fixed : opening.size],
                 "n_flows": len(kernels) - (method.flows[-1].most > 1),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
-                "mends": kernels[-1].mends,
+                "mends": kernels[-1].mends, "holds": "angular_momentum" in method.claims,
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(

@@ -14,7 +14,7 @@ from ..solver import foresight
 from ..solver.implicit_step import COUNT_WRONG, NO_AUDIT, NO_ROOT, NONCONVERGED, NONFINITE, OK, Rules, compiled_flows
 from ..solver.quotients import REMEDY, finite_at_rest, zero_over_zero
 from ..systems.as_written import check_repeats
-from ..systems.multipliers import check_start
+from ..systems.multipliers import check_start, dependent
 from ..systems.refusals import check_invariants
 from ..systems.scenario import Scenario
 from .compiled_loop import LOOPS, STATES, Run
@@ -214,6 +214,8 @@ def run_flows(
             for flow, made in zip(integrator.flows, kernels, strict=True)
             if not finite_at_rest(made, flow.memory, model, run.z, dt)
         ]
+        if told := dependent(model, run.z[None], [run.tally.steps * dt], failed=True):
+            failure += f"; {told}"
         if any(flow.kept.lost for flow in run.flows.records):
             failure += (
                 ": iterations did not solve its linear equations, too many to be factorised; a shorter dt is needed"

@@ -163,6 +163,14 @@ class Trajectory:
         return {name: found[:, np.array(solved.names) == name] for name in self.scenario.model.multipliers}
 
     @property
+    def constraints_dependent(self) -> str:
+        """A sentence where constraints come to depend on each other, as those of a linkage that passes its flat
+        position: the motion is not unique there; else ""."""
+        from ..systems.multipliers import dependent
+
+        return dependent(self.scenario.model, self.z, self.t, not self.ok)
+
+    @property
     def lyapunov(self) -> Floats:
         """E - theta_ref S (m,), eq. (37)."""
         reference = float(self.scenario.model.reference_temperature)

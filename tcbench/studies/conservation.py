@@ -38,6 +38,7 @@ CONSERVATION = Table(
         *(Column(f"theta_{end}", digits=6, optional=True) for end in ("min", "min_exact", "max", "max_exact")),
         Column("t_compared", "time up to which a run is compared with the exact one", optional=True), "failure",
         Column("invariants_lost", compared=False, optional=True),  # a sentence on each that a method claims and loses
+        Column("constraints_dependent", compared=False, optional=True),  # a sentence, see Trajectory
         Column("*_error_max", worse="larger"),
         *(Column(f"{kind}_supplied", f"{kind} that came in from outside", optional=True) for kind in ("work", "heat")),
         Column("*_constraint_max", "largest g of the multiplier *", worse="larger"),

@@ -112,7 +112,8 @@ def excluded(system: System, method: Integrator) -> str:
         )
     return (
         f"{system.name} has constraints, whose multipliers are unknowns of one-step formulas without stages: take "
-        "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy, or tc_auto, which solves the ODE under them"
+        "tc_monolithic, tc_gonzalez, tc_strang or midpoint_entropy; tc_invariant, which keeps every invariant; or "
+        "tc_auto, which solves the ODE under them"
     )
 
 

@@ -21,6 +21,13 @@ from .system import System
 REDUNDANT = 1e-10  # of a diagonal entry: a pivot that is less is round-off
 HELD = 1e-25  # G M^-1 G^T of a constraint that a force can hold, of which the start misses less than 1e-9
 KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of the state
+FAILED = 0.05  # how far apart their directions are at most where a run has failed for it
+TAKES_PART = 0.05  # of the largest share in what vanishes, that of a constraint that is named
+MOST_LOOKED_AT, MOST_STATES = 60, 2000  # constraints and states of which dependence is looked for
+FLAT, SHARP = (
+    0.6,
+    0.25,
+)  # how far apart directions beside a flat position are at most; of this what lines that meet miss
 SHOWN = 30  # numbers of a variable that a sentence writes out
 MOST = 50  # corrections of a start
 CLOSE = 1e-15  # of its own size, a correction that is the last
@@ -98,6 +105,22 @@ class Multipliers:
         pivots = np.abs(factors.U.diagonal())
         return sorted(np.argsort(factors.perm_c)[~(pivots > REDUNDANT * own)].tolist())
 
+    def apart(self, z: Any) -> tuple[float, list[int]]:
+        """How far from dependent the directions of the constraints are, by the least singular value of theirs (1: all
+        at right angles); and those that come to depend on each other."""
+        inertia = self.at(z)[3].toarray()
+        sizes = np.sqrt(np.abs(np.diag(inertia)) + 1e-300)
+        if not np.isfinite(inertia).all():
+            return 1.0, [0]
+        values, ways = np.linalg.eigh((inertia + inertia.T) / 2 / np.outer(sizes, sizes))
+        parts = np.abs(ways[:, 0])
+        return math.sqrt(max(values[0], 0.0)), np.flatnonzero(parts > TAKES_PART * parts.max()).tolist()
+
+    def group(self, numbers: list[int]) -> str:
+        """Constraints in words."""
+        *first, last = map(self.told, numbers)
+        return f"{', '.join(first)} and {last}" if first else last
+
     def consistent(self, z: Any) -> Any:
         """The nearest state that satisfies the constraints and their velocity form: positions by M^-1 Dg^T, until g is
         round-off, then momenta nearest in kinetic energy."""
@@ -161,11 +184,40 @@ def check_start(system: System, z0: Any) -> None:
         )
     if redundant := solved.redundant(inertia):
         m = len(solved.names)
+        group = solved.apart(z0)[1] if m <= MOST_LOOKED_AT else []
+        among = [k for k in group if k != redundant[0]]
         raise TcbenchError(
             f"System {system.name!r}: of its {m} constraints {m - len(redundant)} are independent at the start; "
-            f"{solved.told(redundant[0])} says nothing that the others do not, so that the multipliers are not unique: "
-            "leave it out, or start where its direction differs from theirs."
+            f"{solved.told(redundant[0])} says nothing that {solved.group(among) if among else 'the others'} do not, "
+            "so that the multipliers are not unique: leave it out, or start where its direction differs from theirs (a "
+            "linkage that lies flat: beside the line)."
         )
+
+
+def dependent(system: System, rows: Any, times: Any, failed: bool = False) -> str:
+    """A sentence where constraints come to depend on each other between these states of a run, as those of a linkage
+    that passes its flat position, or at the last one of a run that failed; else "".
+
+    rows: (m, n), times: (m,). Passed is where their directions come apart on both sides as from 0. Of up to
+    MOST_LOOKED_AT constraints.
+    """
+    solved = multipliers(system)
+    if solved is None or len(solved.names) > MOST_LOOKED_AT or not len(rows):
+        return ""
+    some = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST_STATES)).astype(int))
+    apart = np.array([solved.apart(rows[k])[0] for k in some])
+    left, right = 2 * apart[1:-3] - apart[:-4], 2 * apart[3:-1] - apart[4:]  # lines through two states on each side
+    beside = apart[1:-3] + apart[3:-1]
+    passed = np.flatnonzero((left + right < SHARP * beside) & (apart[2:-2] < beside / 2) & (beside < FLAT)) + 2
+    near = passed[0] if len(passed) else len(apart) - 1 if failed and apart[-1] < FAILED else None
+    if near is None:
+        return ""
+    group = solved.group(solved.apart(rows[some[near]])[1])
+    return (
+        f"near t = {times[some[near]]:.4g} the constraints {group} come to depend on each other, as those of a linkage "
+        "that lies flat: more than one motion leads on from there, and which is taken depends on step and method; "
+        "write constraints that hold the wanted one, or keep the motion away from there"
+    )
 
 
 def _cure(system: System, solved: Multipliers, z0: Any) -> str:

@@ -177,6 +177,21 @@ def test_systems_without_elements(base, name):
     assert errors[1] < 1e-12 or np.log2(errors[0] / errors[1]) == pytest.approx(method.order, abs=0.3)
 
 
+def with_a_number(z0, z1, h, system, numbers):
+    """The midpoint rule, moved along the slope of the energy so far that this is kept."""
+    slope = system.gradient((z0 + z1) / 2)
+    rows = z1 - z0 - h * system.vector_field((z0 + z1) / 2) - numbers["share"] * slope
+    return rows, [system.energy(z1) - system.energy(z0)]
+
+
+def test_a_formula_may_solve_for_numbers_of_its_own():
+    method = Integrator(name="own", order=2, flows=[Flow(with_a_number, numbers=("share",))])
+    scenario = tcbench.scenarios()["damped_oscillator"]
+    run, plain = (tcbench.simulate(m, scenario, dt=0.1) for m in (method, "midpoint_entropy"))
+    assert run.ok and run.summary.energy_error_max < 1e-13 < plain.summary.energy_error_max
+    assert 0 < np.abs(run.z - plain.z).max() < 1e-2
+
+
 def euler(z, h, system):
     return z + h * np.asarray(system.vector_field(z))
 

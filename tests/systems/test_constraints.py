@@ -47,6 +47,15 @@ def test_every_one_step_method(method, name):
     assert method == "midpoint_entropy" or run.summary.energy_error_max < 1e-13
 
 
+@pytest.mark.parametrize("name", ["rods", "four_masses"])
+def test_the_projection_leaves_constraints_as_they_are(name):
+    """Of the midpoint rule, which keeps them and loses the energy."""
+    one = scenario(name, t_end=1.0)
+    run = tcbench.simulate("projected[method=midpoint_entropy]", one)
+    assert run.ok and missed(run) < 1e-14 and run.summary.entropy_increment_min > -1e-14
+    assert run.summary.energy_error_max < 1e-13 and max(map(np.ptp, run.invariants.values())) < 1e-12
+
+
 def test_large_steps():
     for h in (0.1, 0.2, 0.4):
         run = tcbench.simulate("tc_monolithic", scenario("rods", t_end=0.8), dt=h)
@@ -163,6 +172,46 @@ def test_redundant_constraints_are_named():
         tcbench.simulate("tc_monolithic", body.replace(ends=[*ends, ends[0]], length=[*length, length[0]]))
 
 
+class FourBar(Mechanical):
+    """Two masses, hung on pivots at 0 and at 2, and joined."""
+
+    name = "four_bar"
+    variables = {"q": (2, 2), "p": (2, 2), "s": ()}
+    constants = {"rocker": ()}
+    multipliers = {"crank": (), "coupler": (), "arm": ()}
+
+    def energy(self, z):
+        return (z.p**2).sum() / 2 + z.q[:, 1].sum() + np.exp(z.s)
+
+    def constraints(self, z):
+        x, y = z.q
+        far = np.stack([y[0] - 2.0, y[1]])
+        return {"crank": x @ x - 1, "coupler": (y - x) @ (y - x) - 4, "arm": far @ far - self.rocker**2}
+
+    def irreversible(self, z, dE, dS):
+        return {"p": -0.05 * dE.p, "s": 0.05 * (dE.p**2).sum() / dE.s}
+
+
+def four_bar(angle, rocker=1.0):
+    x = np.array([np.cos(angle), np.sin(angle)])
+    start = {"q": [x, x + np.array([2.0, 0.0])], "p": np.zeros((2, 2)), "s": 0.0}
+    one = Scenario("bar", FourBar, {"rocker": rocker}, initial=start, t_end=4.0, dt=0.02, shows="", source="")
+    return one if rocker == 1 else one.consistent()
+
+
+def test_a_linkage_that_lies_flat_is_told_at_the_start_and_where_a_run_passes_it():
+    """Both go on with all laws, as a parallelogram or crossed: which, no equation says."""
+    with pytest.raises(TcbenchError, match="coupler says nothing that crank and arm do not"):
+        tcbench.simulate("tc_monolithic", four_bar(0.0))
+    for method in ("tc_monolithic", "tc_auto"):
+        run = tcbench.simulate(method, four_bar(1.0))
+        assert run.ok and missed(run) < 1e-13
+        assert "the constraints crank, coupler and arm come to depend on each other" in run.constraints_dependent
+        assert conservation(run)["constraints_dependent"].startswith("near t = 1.7")
+    near = tcbench.simulate("tc_monolithic", four_bar(1.0, 1.05))  # never flat
+    assert near.ok and not near.constraints_dependent and "constraints_dependent" not in conservation(near)
+
+
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_unusual_units(unit):
     """Lengths in other units, energies with them: the run is the same."""
@@ -210,8 +259,8 @@ def test_an_adaptive_method_meets_the_tolerance_of_stiff_joints(tolerance):
 
 
 def test_methods_that_cannot_are_refused():
-    for name in ("gauss2", "bdf2", "projected[method=midpoint_entropy]"):
-        with pytest.raises(TcbenchError, match="constraints"):
+    for name in ("gauss2", "bdf2", "cpg_invariant", "projected[method=gauss2]"):
+        with pytest.raises(TcbenchError, match=r"has constraints.*tc_invariant, which keeps every invariant"):
             tcbench.simulate(name, scenario("rods"))
     with pytest.raises(TcbenchError, match=r"up to 100 numbers; .* take tc_monolithic"):
         tcbench.simulate("tc_auto", "director_rod", tolerance=1e-3)
