@@ -6,6 +6,7 @@ import conserving
 import numpy as np
 import pytest
 from command import tcbench as command
+from mechanics import Warm
 
 import tcbench
 from tcbench import plugins
@@ -65,26 +66,16 @@ def test_the_sentence_names_the_line_of_the_plugin_and_none_of_ours(tmp_path, na
     assert ".py:" not in check._guarded("order", dict(contract.TESTS)["order"], method).found.replace("mine.py:", "")
 
 
-class Friction(tcbench.System):
+class Friction(Warm):
     """A mass whose friction heats a bath, right; below it is planted wrong."""
 
     name = "friction_bath"
-    variables = {"q": (), "p": (), "s": ()}
 
     def energy(self, z):
         return z.p**2 / 2 + z.q**2 / 2 + np.exp(z.s)
 
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
         return {"p": -dE.p, "s": dE.p**2 / dE.s}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
 
 GENERAL = {  # what is wrong -> the check that finds it

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from mechanics import Warm
 
 import tcbench
 from tcbench import ElementSystem, System, TcbenchError
 from tcbench.authoring.units import check_units, unit
 
 
-class Oscillator(System):
+class Oscillator(Warm):
     """A mass on two springs, with friction that heats a bath, and a clock of another unit."""
 
     name = "oscillator"
@@ -26,18 +27,9 @@ class Oscillator(System):
         bath = self.capacity * self.warm * (np.exp(z.s / self.capacity) - 1)
         return z.p @ z.p / (2 * self.mass) + linear / 2 * r**2 + cubic * r**self.power + bath
 
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
         force = self.friction_ * dE.p
         return {"p": -force, "s": np.sum(force * dE.p) / dE.s}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
     def exergy_offset(self):
         return -self.warm * self.capacity

@@ -7,11 +7,12 @@ references, units, complex numbers, and peers.
 import mpmath as mp
 import numpy as np
 import pytest
+from mechanics import Warm
 from tcbench_plugins.tc_taylor.series import Normal
 from tcbench_plugins.tc_taylor.writer import Writer
 
 import tcbench
-from tcbench import Scenario, System, TcbenchError
+from tcbench import Scenario, TcbenchError
 from tcbench.authoring.units import UnitsDiffer, check_units
 from tcbench.building_blocks import divided_difference, function
 from tcbench.compiler import derivatives as trace
@@ -41,9 +42,8 @@ def row(monkeypatch):
     monkeypatch.setitem(ops.OPERATIONS, "softplus", SOFTPLUS)
 
 
-class Well(System):
+class Well(Warm):
     name = "well"
-    variables = {"q": (), "p": (), "s": ()}
     constants = {"mass": (), "stiffness": (), "friction": (), "capacity": (), "warm": ()}
     positive = ("mass", "stiffness", "capacity")
     reference_temperature = "warm"
@@ -60,18 +60,9 @@ class Well(System):
     def warmth(self, z):
         return np.exp(z.s / self.capacity)
 
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
         force = self.friction * function("softplus")(z.q) * dE.p
         return {"p": -force, "s": force * dE.p / dE.s}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
 
 WELL = {"mass": 1.0, "stiffness": 1.5, "friction": 0.2, "capacity": 1.2, "warm": 1.0}

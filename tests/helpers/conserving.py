@@ -1,20 +1,15 @@
 """Nine systems whose invariants are not quadratic, or whose energy is not written in invariants; and one whose are."""
 
 import numpy as np
+from mechanics import Mechanical
 
 from tcbench import Scenario, System
 
 
-class Canonical(System):
+class Canonical(Mechanical):
     """q, p, with a heat that friction makes; friction keeps what the subclass declares."""
 
     variables = {"q": (2,), "p": (2,), "s": ()}
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
 
 class Kepler(Canonical):

@@ -17,6 +17,13 @@ class Mechanical(System):
         return {"q": dE.p, "p": -dE.q}
 
 
+class Warm(Mechanical):
+    """And a temperature for each entropy."""
+
+    def temperature(self, z, dE, dS):
+        return dE.s
+
+
 def rubbed(force, dE):
     """The rates of friction with this force, whose work warms the entropy beside each momentum."""
     return {"p": -force, "s": force * dE.p / dE.s}

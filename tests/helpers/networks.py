@@ -1,6 +1,7 @@
 """Systems over spaces as readers of docs/add-system.md write them, each with a small scenario."""
 
 import numpy as np
+from mechanics import Warm
 
 from tcbench import Scenario, System
 
@@ -13,7 +14,7 @@ def heat(system, e, s):
     return 3.0 * (0.2 * e + np.exp(s - 0.2 * e) - 1.0)
 
 
-class Row(System):
+class Row(Warm):
     """Springs in a row, tied to a fixed point, that conduct heat to their neighbours."""
 
     name = "row"
@@ -29,21 +30,12 @@ class Row(System):
         e = self.strain(z.q)
         return (z.p**2 / self.mass[:, None]).sum() / 2 + (self.stiffness / 2 * e**2 + heat(self, e, z.s)).sum()
 
-    def entropy(self, z):
-        return z.s.sum()
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def conduction(self, theta):
         a, b = theta[self.pairs].T
         return self.pairs.sums(self.kappa * np.stack([(b - a) / a, (a - b) / b], axis=1))
 
     def irreversible(self, z, dE, dS):
         return {"s": self.conduction(dE.s)}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
     def invariants(self, z):
         return {"spin": (z.q[:, 0] * z.p[:, 1] - z.q[:, 1] * z.p[:, 0]).sum()}

@@ -45,7 +45,9 @@ def run(name, method, seed):
 
 
 def suits(method, name):
-    return not any(find_integrator(method).suits(in_units(name, seed)[0].model) for seed in (0, 1))
+    """Which a fixed step of a series does not, where conduction bounds it: it says so by no status."""
+    beyond = method == "tc_taylor[order=8]" and name == "short_term"
+    return not beyond and not any(find_integrator(method).suits(in_units(name, seed)[0].model) for seed in (0, 1))
 
 
 def sizes(model, energy, z):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 from scipy.integrate import solve_ivp
 
 import tcbench
@@ -9,7 +10,7 @@ from tcbench import Scenario, System
 from tcbench.systems.right_hand_side import Field
 
 
-class Row(System):
+class Row(Mechanical):
     """Masses between springs that yield beyond a limit, `a` being what stays of it: rates have kinks."""
 
     name = "yielding_row"
@@ -24,12 +25,6 @@ class Row(System):
     def energy(self, z):
         held = self.k / 2 * (self.stretch(z) - z.a) ** 2 + z.a**2 / 4
         return (z.p**2 / self.m).sum() / 2 + held.sum() + (z.q**2).sum() / 8 + 2 * np.exp(z.s / 2)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
     def irreversible(self, z, dE, dS):
         push, pull = -dE.a - self.limit, dE.a - self.limit

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 from tcbench_plugins.tc_gauss.method import GaussMethod
 
 import tcbench
@@ -87,7 +88,7 @@ def test_a_large_system_is_refused_in_a_sentence():
         GaussMethod(Many(), 2)
 
 
-class Distances(System):
+class Distances(Mechanical):
     """Two masses, their energy written in distances."""
 
     name = "distances"
@@ -97,12 +98,6 @@ class Distances(System):
 
     def energy(self, z):
         return np.sum(z.p**2) / 2 + self.of(*z.q) + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
     def invariants(self, z):
         return {"spin": np.sum(z.q[:, 0] * z.p[:, 1] - z.q[:, 1] * z.p[:, 0])}

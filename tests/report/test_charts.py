@@ -209,7 +209,7 @@ def test_errors_of_every_variable_get_a_panel_and_those_of_none_do_not():
 
 def test_plot_writes_pictures_of_runs_and_of_a_folder_and_says_what_is_wrong(runs, tmp_path):
     for suffix, start in ((".svg", b"<?xm"), (".png", b"\x89PNG"), (".pdf", b"%PDF")):
-        assert plot.plot("four-panel", runs, tmp_path / f"a{suffix}").read_bytes()[:4] == start
+        assert plot.plot("path", runs, tmp_path / f"a{suffix}").read_bytes()[:4] == start
     tables = {"conservation": awkward.conservation(["nobody"]), "work_precision": awkward.work_precision(["nobody"])}
     folder, out = awkward.write_run(tmp_path / "run", tables), tmp_path / "new.svg"
     for message, kind, options in (

@@ -9,6 +9,7 @@ import awkward
 import numpy as np
 import pandas as pd
 import pytest
+from mechanics import Warm
 
 import tcbench
 from tcbench.report.write_report import write_report
@@ -142,7 +143,7 @@ MOST_COLOURED = """() => {
 }"""
 
 
-class Ring(tcbench.System):
+class Ring(Warm):
     """Masses on a ring, three of them drawn, and one temperature, of a bath that rubs on all."""
 
     name = "ring"
@@ -154,17 +155,8 @@ class Ring(tcbench.System):
         ends = z.q[self.pairs]
         return (z.p**2 / self.mass).sum() / 2 + ((ends[:, 1] - ends[:, 0]) ** 2).sum() / 2 + np.exp(z.s)
 
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
-
     def irreversible(self, z, dE, dS):
         return {"p": -dE.p, "s": (dE.p * dE.p).sum() / dE.s}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
     def points(self, z):
         return [[(0, 0), (x, y)] for x, y in ((z.s, 1), (1, 1), (1, 0))]

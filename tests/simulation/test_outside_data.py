@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 
 import tcbench
 from tcbench.plugins import find_integrator
@@ -66,7 +67,7 @@ def test_the_gas_containers_of_gfinn_are_a_method_of_third_order_and_off_by_a_th
     assert np.log2(errors[0] / errors[1]) == pytest.approx(3, abs=0.2)
 
 
-class FourParticles(tcbench.System):
+class FourParticles(Mechanical):
     """Two rods, two springs k (l^2 - 1)^2/2, a damper of viscosity eta (1 + l^2/2); friction heats a bath."""
 
     name = "four_particles"
@@ -80,15 +81,9 @@ class FourParticles(tcbench.System):
         springs = self.stiffness[0] / 2 * (a @ a - 1) ** 2 + self.stiffness[1] / 2 * (b @ b - 1) ** 2
         return (z.p**2 / (2 * self.mass[:, None])).sum() + springs + z.s
 
-    def entropy(self, z):
-        return z.s
-
     def constraints(self, z):
         a, b = z.q[1] - z.q[0], z.q[3] - z.q[2]
         return {"lam": np.array([a @ a - 1, b @ b - 1]) / 2}
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
     def irreversible(self, z, dE, dS):
         line, slip = z.q[2] - z.q[1], dE.p[2] - dE.p[1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanics import Mechanical, rubbed
+from mechanics import Warm, rubbed
 
 import tcbench
 from tcbench import Integrator, Scenario
@@ -11,7 +11,7 @@ from tcbench.report.pairs import pairs
 from tcbench.simulation.metrics import conservation
 
 
-class Bath(Mechanical):
+class Bath(Warm):
     """An oscillator that rubs against a body of heat capacity C, at T0 at first: how open systems are written here."""
 
     name = "bath"
@@ -22,9 +22,6 @@ class Bath(Mechanical):
 
     def irreversible(self, z, dE, dS):
         return rubbed(self.friction * dE.p, dE)
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
 
 class Warm(Bath):

@@ -1,12 +1,13 @@
 """Elimination before Newton: rows that give one another's unknowns leave as many as have to be solved for."""
 
 import numpy as np
+from mechanics import Mechanical
 
 import tcbench
-from tcbench import Scenario, System
+from tcbench import Scenario
 
 
-class Volumes(System):
+class Volumes(Mechanical):
     """Tetrahedra that resist a change of their volumes alone, each linear in the place of any one of its corners."""
 
     name = "volumes"
@@ -18,12 +19,6 @@ class Volumes(System):
         x = z.q[self.of]
         edges = np.stack([x[:, k] - x[:, 0] for k in (1, 2, 3)], axis=1)
         return (z.p**2 / (2 * self.mass[:, None])).sum() + np.linalg.det(edges).sum() + np.exp(z.s).sum()
-
-    def entropy(self, z):
-        return z.s.sum()
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
     def irreversible(self, z, dE, dS):
         return {}

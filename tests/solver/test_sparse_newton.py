@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 from tcbench_plugins.chain.chain import chain
 from tcbench_plugins.net.net import net
 
@@ -107,7 +108,7 @@ def test_an_audit_leaves_the_factors_that_the_next_steps_go_on_with(method):
     assert np.array_equal(run.z, same.z) and run.solver.audited and "sparse" in run.solver.way
 
 
-class Row(tcbench.System):
+class Row(Mechanical):
     """Masses in a row, whose bonds are not linear; friction."""
 
     name = "row"
@@ -117,12 +118,6 @@ class Row(tcbench.System):
     def energy(self, z):
         d = z.q[1:] - z.q[:-1] - 1
         return z.p @ z.p / (2 * self.mass) + (d**2 / 2 + d**4 / 4).sum() + 300 * np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, DE, DS):
-        return {"q": DE.p, "p": -DE.q}
 
     def irreversible(self, z, DE, DS):
         force = 0.1 * self.rate * self.mass * DE.p

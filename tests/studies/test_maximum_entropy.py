@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 
 import tcbench
-from tcbench import System
 from tcbench.analysis.maximum_entropy import maximum_entropy
 from tcbench.plugins import find_integrator
 from tcbench.studies import equilibrium
@@ -42,7 +42,7 @@ def test_what_is_found_is_held_for_all_and_cannot_be_written_to():
             values[...] = 0.0
 
 
-class Two(System):
+class Two(Mechanical):
     """Two masses on springs with baths of their own; the second feels no friction."""
 
     name = "two"
@@ -50,12 +50,6 @@ class Two(System):
 
     def energy(self, z):
         return (z.p @ z.p + z.q @ z.q) / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
     def irreversible(self, z, dE, dS):
         return {"p": np.array([-0.5 * dE.p[0], 0]), "s": 0.5 * dE.p[0] ** 2 / dE.s}
@@ -89,19 +83,13 @@ def test_systems_that_are_too_large_are_left_out():
     assert [s.name for _, s, _ in equilibrium.plan(methods, chosen, {})] == ["reaction"]
 
 
-class Wells(System):
+class Wells(Mechanical):
     """Two wells, one lower: the nearest equilibrium is not the one of largest entropy."""
 
     name, variables, constants = "wells", {"q": (), "p": (), "s": ()}, {"tilt": (), "far": ()}
 
     def energy(self, z):
         return z.p**2 / 2 + ((z.q / self.far) ** 2 - 1) ** 2 / 4 + self.tilt * z.q + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
-
-    def reversible(self, z, dE, dS):
-        return {"q": dE.p, "p": -dE.q}
 
     def irreversible(self, z, dE, dS):
         return {"p": -0.1 * dE.p, "s": 0.1 * dE.p**2 / dE.s}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanics import Mechanical
+from mechanics import Warm
 
 from tcbench import Scenario, System, TcbenchError, integrators, simulate
 
@@ -22,7 +22,7 @@ class Flow(System):
         return {"x": dS.x}
 
 
-class Pair(Mechanical):
+class Pair(Warm):
     """Two masses on a line with a spring and a dashpot between them, whose momentum is 0."""
 
     variables = {"q": (2,), "p": (2,), "s": ()}
@@ -33,9 +33,6 @@ class Pair(Mechanical):
     def irreversible(self, z, dE, dS):
         v = dE.p[1] - dE.p[0]
         return {"p": np.array([v, -v]) / 5, "s": v**2 / 5 / dE.s}
-
-    def temperature(self, z, dE, dS):
-        return dE.s
 
     def invariants(self, z):
         return {"momentum": z.p.sum(), "nothing": 0 * z.p.sum()}
