@@ -53,19 +53,3 @@ def test_the_recipe_for_conda_asks_for_what_the_package_needs():
     about = recipe["about"]
     assert (about["license"], about["summary"]) == (project["license"], project["description"])
     assert all((ROOT / path).exists() for path in about["license_file"])
-
-
-def test_the_group_dev_installs_what_the_extra_dev_installs():
-    groups, extras = PROJECT["dependency-groups"], PROJECT["project"]["optional-dependencies"]
-
-    def flat(entries, known):
-        for entry in entries:
-            if isinstance(entry, dict):
-                yield from flat(known[entry["include-group"]], known)
-            elif entry.startswith("tcbench["):
-                for extra in entry[len("tcbench[") : -1].split(","):
-                    yield from flat(extras[extra], known)
-            else:
-                yield entry
-
-    assert set(flat(groups["dev"], groups)) == set(flat(extras["dev"], groups))
