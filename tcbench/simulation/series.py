@@ -55,7 +55,7 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
     return found | model.told_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])
 
 
-def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[float]]]:
+def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]]]:
     """What a row keeps of a run of which every state was recorded: some `points` states, and the first ones.
 
     "series" has the columns of every k-th state and of the last one, and `distance` as exact_error. "opening", where
@@ -65,7 +65,7 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[floa
     stride = max(1, run.scenario.steps(run.dt) // points) if run.dt > 0 else 1
     last = len(run.t) - 1
     keep = np.unique([*range(0, last, stride), last])
-    found = {"series": _rounded(columns(run, keep))}
+    found: dict[str, dict[str, list[Any]]] = {"series": _rounded(columns(run, keep))}
     if np.isfinite(far := distance(run, keep)).any():
         found["series"]["exact_error"] = [float(f"{v:.{DIGITS_FAR}g}") for v in far]
     if stride > 1:
@@ -89,7 +89,7 @@ def variables(names: Iterable[str]) -> list[str]:
     return [n for n in there if n not in known | laws and not n.endswith(LOST) and not n.startswith(("at_x_", "at_y_"))]
 
 
-def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[float]]:
+def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:
     """Lists of so many digits; columns with values that are no numbers are left out."""
     lost = {name: name.endswith(LOST) for name in found}
     return {
