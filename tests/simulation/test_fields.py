@@ -1,6 +1,7 @@
 """Fields on meshes for ParaView: what is read back is the run."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -8,6 +9,8 @@ import tcbench
 from tcbench.cli import main
 from tcbench.errors import TcbenchError
 from tcbench.plugins import find_scenario
+from tcbench.runner.declared import scenario_facts
+from tcbench.simulation import series
 from tcbench.simulation.fields import mesh_of
 from tcbench.simulation.mesh_picture import outside
 
@@ -25,10 +28,10 @@ def test_what_is_read_back_is_the_run(name, tmp_path):
     places = z.q if "solid" in name or "ring" in name else z.x[..., None]
     n, d = places.shape[1:]
     assert run.write(tmp_path / "a.xdmf") == tmp_path / "a.xdmf"
-    with meshio.xdmf.TimeSeriesReader(tmp_path / "a.xdmf") as series:
-        points, cells = series.read_points_cells()
-        assert series.num_steps == 3 and np.allclose(points[:n, :d], places[0])
-        t, on_points, on_cells = series.read_data(2)
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "a.xdmf") as read:
+        points, cells = read.read_points_cells()
+        assert read.num_steps == 3 and np.allclose(points[:n, :d], places[0])
+        t, on_points, on_cells = read.read_data(2)
     assert np.isclose(t, t_end) and np.allclose(points[:n, :d] + on_points["displacement"][:n, :d], places[2])
     heat = on_points if "solid" in name else {k: x[0] for k, x in on_cells.items()}
     assert np.allclose(heat["temperature"].ravel(), run.temperatures[2]) and np.allclose(heat["s"].ravel(), z.s[2])
@@ -60,6 +63,26 @@ def test_what_has_no_mesh_is_told(tmp_path):
         run.write(tmp_path / "a.xdmf")
     with pytest.raises(TcbenchError, match=r"\.xdmf .* or \.vtu, .* not to 'a.txt'"):
         run.write(tmp_path / "a.txt")
+
+
+MESHES = [("ring[n=8]", 0.1, 0.05), ("net[nx=3,ny=2]", 1.0, 0.5), ("truss3d", 0.2, 0.1)]
+
+
+@pytest.mark.parametrize("name, t_end, dt", MESHES)
+def test_a_row_keeps_a_mesh_in_time_with_the_temperature_of_each_line(name, t_end, dt):
+    """Of nets and trusses coordinates were taken for places."""
+    run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)
+    kept, faces = series.kept(run), np.array(scenario_facts(run.scenario)["faces"])
+    table = pd.DataFrame(kept["fields"])
+    assert not [column for column in kept["series"] if column.startswith("at_")]  # said once
+    for t, theta, z in zip(run.t, run.temperatures, run.z, strict=True):
+        frame = table[np.isclose(table["t"], t)]
+        assert len(faces) == len(theta) and np.allclose(frame["temperature"].dropna(), theta, rtol=1e-3)
+        places = frame[[axis for axis in "xyz" if axis in frame]].dropna().to_numpy()
+        q = np.asarray(run.scenario.model.state(z).q).reshape(-1, places.shape[1])
+        assert np.allclose(places[: len(q)], q, rtol=1e-3, atol=1e-6) and faces.max() == len(places) - 1
+    lengths = np.linalg.norm(np.diff(places[faces], axis=1), axis=2)
+    assert lengths.max() < 3 * lengths.min()  # neighbours are joined
 
 
 @pytest.mark.parametrize(("name", "suffix"), [("ring[n=8]", "png"), ("gas_tube[n=30]", "svg"), ("solid[n=1]", "png")])
