@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..chart import Tables
 from ..errors import LOUD
 from ..systems.energy_scale import HIDDEN
+from .marks import told
 from .page_data import methods, unmeasured
 from .pairs import departed, ladder_runs, of_whole_state, pairs, times_over_best
 from .words import ABSENT, is_finite, share_of, some
@@ -115,10 +116,10 @@ def lost(tables: Tables) -> list[str]:
 
 def _failed(tables: Tables) -> list[str]:
     ladders = ladder_runs(tables)
-    counts = ladders["status"].astype(str)[ladders["status"].ne("ok")].value_counts(sort=False)
-    parts = ", ".join(f"{n} {status}" for status, n in counts.sort_values(ascending=False, kind="stable").items())
-    if parts:
-        return [f"{share_of(counts.sum(), len(ladders))} runs of the ladders failed, which is a result: {parts}."]
+    bad = ladders.loc[ladders["status"].ne("ok"), "mark"]
+    if len(bad):
+        how = told(bad.value_counts().to_dict())
+        return [f"{share_of(len(bad), len(ladders))} runs of the ladders failed, which is a result: {how}."]
     whole = f"All {len(ladders)} runs of the ladders of steps and tolerances reached their"
     return [f"{whole if len(ladders) > 1 else 'The only run reached its'} end."] if len(ladders) else []
 
