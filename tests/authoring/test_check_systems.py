@@ -5,15 +5,16 @@ import re
 
 import numpy as np
 import pytest
+from mechanics import OfEntropies
 
-from tcbench import Scenario, System, TcbenchError
+from tcbench import Scenario, TcbenchError
 from tcbench.authoring import check
 from tcbench.systems.right_hand_side import Field
 
 CALLS = [0]
 
 
-class Potentials(System):
+class Potentials(OfEntropies):
     name = "right"
     variables = {"q": (2,), "p": (2,), "s": ()}
     constants = {"eta": (), "theta": ()}
@@ -21,9 +22,6 @@ class Potentials(System):
 
     def energy(self, z):
         return z.p @ z.p / 2 + z.q @ z.q / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
 
 class Right(Potentials):

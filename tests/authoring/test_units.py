@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanics import Warm
+from mechanics import OfEntropies, Warm
 
 import tcbench
 from tcbench import ElementSystem, System, TcbenchError
@@ -211,7 +211,7 @@ def test_units_of_circuits_are_those_of_mechanics():
         assert unit(text).like(unit("J")), text
 
 
-class Sparks(System):
+class Sparks(OfEntropies):
     """Places some of which no wire names, and a function of what meets there."""
 
     name = "sparks"
@@ -222,9 +222,6 @@ class Sparks(System):
 
     def energy(self, z):
         return self.warm * z.s * np.exp(-(self.ends.sums(self.width[:, None] * [1, 1]) / self.reach)).sum()
-
-    def entropy(self, z):
-        return z.s
 
 
 def test_what_no_entry_of_a_table_names_has_the_unit_of_the_others(monkeypatch):

@@ -1,9 +1,9 @@
 """Nine systems whose invariants are not quadratic, or whose energy is not written in invariants; and one whose are."""
 
 import numpy as np
-from mechanics import Mechanical
+from mechanics import Mechanical, OfEntropies
 
-from tcbench import Scenario, System
+from tcbench import Scenario
 
 
 class Canonical(Mechanical):
@@ -48,7 +48,7 @@ class Hypot(Relativistic):
         return z.p @ z.p / 2 + (np.hypot(z.q[0], z.q[1]) - 1) ** 2 + np.exp(z.s)
 
 
-class Charge(System):
+class Charge(OfEntropies):
     """In a field B = 1 + r^2: what turns is kept with the flux, of degree 4."""
 
     name = "charge"
@@ -56,9 +56,6 @@ class Charge(System):
 
     def energy(self, z):
         return z.v @ z.v / 2 + (z.q @ z.q) / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         B = 1 + z.q @ z.q
@@ -73,7 +70,7 @@ class Charge(System):
         return {"spin": z.q[0] * z.v[1] - z.q[1] * z.v[0] + r2 / 2 + r2**2 / 4}
 
 
-class Bead(System):
+class Bead(OfEntropies):
     """The same on a bowl, z = r^2/2: a constraint beside an invariant of degree 4."""
 
     name = "bead"
@@ -82,9 +79,6 @@ class Bead(System):
 
     def energy(self, z):
         return z.v @ z.v / 2 + 2 * z.q[2] + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def constraints(self, z):
         return {"bowl": z.q[2] - (z.q[0] ** 2 + z.q[1] ** 2) / 2}
@@ -101,7 +95,7 @@ class Bead(System):
         return {"spin": z.q[0] * z.v[1] - z.q[1] * z.v[0] + r2 / 2 + r2**2 / 4}
 
 
-class Attitude(System):
+class Attitude(OfEntropies):
     """A free body by its quaternion and momentum in the body: the momentum in space is of degree 3."""
 
     name = "attitude"
@@ -110,9 +104,6 @@ class Attitude(System):
 
     def energy(self, z):
         return (z.m**2 / self.inertia).sum() / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         a, b, c, d = z.e
@@ -126,7 +117,7 @@ class Attitude(System):
         return {"length": z.e @ z.e, "x": space[0], "y": space[1], "z": space[2]}
 
 
-class Volterra(System):
+class Volterra(OfEntropies):
     """L_ij = A_ij x_i x_j, with a logarithmic Casimir."""
 
     name = "lotka_volterra"
@@ -135,9 +126,6 @@ class Volterra(System):
 
     def energy(self, z):
         return (z.x - np.log(z.x)).sum() + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         return {"x": z.x * np.cross(self.A, z.x * dE.x)}
@@ -154,7 +142,7 @@ class Volterra(System):
         return {"casimir": self.A @ np.log(z.x)}
 
 
-class Arms(System):
+class Arms(OfEntropies):
     """Two bodies with a spring that sees the difference of their angles through sin alone, written with angles."""
 
     name = "two_arms"
@@ -165,9 +153,6 @@ class Arms(System):
         along = z.q[0] * np.cos(z.phi) + z.q[1] * np.sin(z.phi)
         return (z.p @ z.p + z.l**2) / 2 + self.k * (along - 1) ** 2 / 2 + np.exp(z.s)
 
-    def entropy(self, z):
-        return z.s
-
     def reversible(self, z, dE, dS):
         return {"q": dE.p, "p": -dE.q, "phi": dE.l, "l": -dE.phi}
 
@@ -175,7 +160,7 @@ class Arms(System):
         return {"spin": z.q[0] * z.p[1] - z.q[1] * z.p[0] + z.l}
 
 
-class AngleBeam(System):
+class AngleBeam(OfEntropies):
     """A beam in the plane, whose strains are written with the angles of its sections; they rub, and conduct."""
 
     name = "angle_beam"
@@ -192,9 +177,6 @@ class AngleBeam(System):
         heat = self.length * (np.exp(z.s / self.length) - 1)
         kinetic = (z.p**2 / self.mass[:, None]).sum() + (z.l**2 / (0.02 * self.mass)).sum()
         return kinetic / 2 + (self.length * (strain + bend) / 2).sum() + heat.sum()
-
-    def entropy(self, z):
-        return z.s.sum()
 
     def reversible(self, z, dE, dS):
         return {"q": dE.p, "phi": dE.l, "p": -dE.q, "l": -dE.phi}

@@ -5,13 +5,17 @@ import numpy as np
 from tcbench import System
 
 
-class Mechanical(System):
-    """A subclass writes its energy, and what dissipates."""
-
-    variables = {"q": (), "p": (), "s": ()}
+class OfEntropies(System):
+    """Its entropies s are variables."""
 
     def entropy(self, z):
         return np.sum(z.s)
+
+
+class Mechanical(OfEntropies):
+    """A subclass writes its energy, and what dissipates."""
+
+    variables = {"q": (), "p": (), "s": ()}
 
     def reversible(self, z, dE, dS):
         return {"q": dE.p, "p": -dE.q}

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from mechanics import OfEntropies
 from tcbench_plugins.controlled import controlled
 
 import tcbench
-from tcbench import Integrator, Scenario, System, TcbenchError
+from tcbench import Integrator, Scenario, TcbenchError
 from tcbench.reference.lookup import reference_for
 
 
@@ -63,7 +64,7 @@ def test_every_one_step_method_can_be_controlled_and_nothing_else():
         controlled(tcbench.integrators()["scipy_odeint"])
 
 
-class Disc(System):
+class Disc(OfEntropies):
     """Two springs, and friction within a small disc."""
 
     name = "disc"
@@ -72,9 +73,6 @@ class Disc(System):
 
     def energy(self, z):
         return (z.p**2).sum() / 2 + (self.k * z.x**2).sum() / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         return {"x": dE.p, "p": -dE.x}

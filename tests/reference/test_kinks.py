@@ -3,9 +3,9 @@
 import mpmath as mp
 import numpy as np
 import pytest
-from mechanics import Warm
+from mechanics import OfEntropies, Warm
 
-from tcbench import Scenario, System
+from tcbench import Scenario
 from tcbench.compiler import language
 from tcbench.reference import pairs
 from tcbench.reference.lookup import _Recipe, reference_for
@@ -124,7 +124,7 @@ def test_a_size_that_begins_at_0_has_the_sign_of_where_it_goes(drag):
         assert error < found.certificate[row] / 3 and found.certificate[row] < 1e-20
 
 
-class Thrown(System):
+class Thrown(OfEntropies):
     """Upwards, in quadratic drag: the root of a sum of squares, which comes to 0 where it turns."""
 
     name = "thrown"
@@ -133,9 +133,6 @@ class Thrown(System):
 
     def energy(self, z):
         return (z.p @ z.p) / 2 + z.q[0] + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     reversible = OneSided.reversible
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from certified_scenarios import SCENARIOS
+from mechanics import OfEntropies
 
 import tcbench
 from tcbench import TcbenchError, cache
@@ -182,14 +183,11 @@ def test_a_solution_that_cannot_be_computed_is_an_error_that_says_where(monkeypa
 def test_a_motion_that_chatters_is_told_as_such_and_soon():
     """x' = -sign(x - 1/2) stays at 1/2 from t = 1/2 on (https://github.com/OpenModelica/OpenModelica/issues/9711)."""
 
-    class Dragged(tcbench.System):
+    class Dragged(OfEntropies):
         variables = {"x": (), "s": ()}
 
         def energy(self, z):
             return abs(z.x - 0.5) + 2 * z.s
-
-        def entropy(self, z):
-            return z.s
 
         def irreversible(self, z, dE, dS):
             return {"x": -dE.x, "s": dE.x**2 / dE.s}

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from mechanics import OfEntropies
 
 import tcbench
-from tcbench import Scenario, System
+from tcbench import Scenario
 from tcbench.compiler import language
 from tcbench.plugins import find_scenario
 from tcbench.reference import pairs
@@ -73,7 +74,7 @@ def test_systems_of_every_kind_agree_with_a_more_precise_run(name, monkeypatch):
     assert distance(found, exact) < found.certificate[0] < 1e-22
 
 
-class Functions(System):
+class Functions(OfEntropies):
     """z' = every elementary function of the tracer at once."""
 
     name = "functions"
@@ -82,9 +83,6 @@ class Functions(System):
 
     def energy(self, z):
         return z.z
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         x = 0.5 + 0.3 * np.sin(z.s)
@@ -105,7 +103,7 @@ def test_every_elementary_function_has_its_series():
     assert pair.certificate[0] < 1e-20
 
 
-class Falling(System):
+class Falling(OfEntropies):
     """Rates that are constants, or nothing at all."""
 
     name = "falling"
@@ -114,9 +112,6 @@ class Falling(System):
 
     def energy(self, z):
         return self.g * z.x
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         return {"p": -dE.x, "x": 0.0 * z.x}

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mechanics import Mechanical
+from mechanics import Mechanical, OfEntropies
 from one_flow import OneFlow
 
 import tcbench
@@ -85,7 +85,7 @@ def test_where_a_unit_makes_a_state_small_its_step_is_solved_all_the_same(method
     assert np.allclose(end, end[0], rtol=0, atol=1e-12)
 
 
-class Turned(tcbench.System):
+class Turned(OfEntropies):
     """A charge in a field, with friction."""
 
     name = "turned"
@@ -94,9 +94,6 @@ class Turned(tcbench.System):
 
     def energy(self, z):
         return z.p @ z.p / (2 * self.m) + self.k * (z.q @ z.q) / 2 + self.heat * np.exp(z.s / self.heat)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, DE, DS):
         return {"q": DE.p, "p": -DE.q + self.field * np.stack([DE.p[1], -DE.p[0]])}

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from mechanics import Mechanical, rubbed
+from mechanics import Mechanical, OfEntropies, rubbed
 
 import tcbench
-from tcbench import System
 
 
-class Weight(System):
+class Weight(OfEntropies):
     """A mass that is pulled away from a point, by 2, and back by what `height` gives; beside it an oscillator."""
 
     name = "weight"
@@ -19,9 +18,6 @@ class Weight(System):
 
     def energy(self, z):
         return z.p**2 / 2 + self.height(z.q) - 2 * z.q + z.y**2 / 2 + z.x**2 / 2 + z.x**4 / 4 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, DE, DS):
         return {"q": DE.p, "p": -DE.q, "x": DE.y, "y": -DE.x}

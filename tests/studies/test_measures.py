@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from mechanics import OfEntropies
 
 import tcbench
 from tcbench.plugins import find_integrator, find_scenario
@@ -21,16 +22,13 @@ from tcbench.studies.measures import (
 GAS = {"dt": 0.1}
 
 
-class ByMatrices(tcbench.System):
+class ByMatrices(OfEntropies):
     name = "by_matrices"
     variables = {"q": (), "p": (), "s": ()}
     constants = {"rub": ()}
 
     def energy(self, z):
         return (z.q**2 + z.p**2) / 2 + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def poisson(self, z):
         return np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 0]])

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from mechanics import OfEntropies
 from spread import spread
 
 import tcbench
@@ -81,7 +82,7 @@ def test_every_method_runs_or_says_why_not(name):
             assert run.status == "ok", (method.name, run.failure)
 
 
-class PistonByMatrices(System):
+class PistonByMatrices(OfEntropies):
     """The rubbing piston, L and M at the true gradients only."""
 
     name = "piston_by_matrices"
@@ -90,9 +91,6 @@ class PistonByMatrices(System):
 
     def energy(self, z):
         return z.p**2 / (2 * self.mass) + ((np.exp(z.s) / np.array([z.q, 2 - z.q])) ** (2 / 3)).sum()
-
-    def entropy(self, z):
-        return z.s.sum()
 
     def poisson(self, z):
         L = np.zeros((4, 4))

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from mechanics import OfEntropies
 
 import tcbench
 from tcbench import Scenario, System, TcbenchError
@@ -47,7 +48,7 @@ def test_the_sparse_jacobian_is_that_of_differences(name):
     assert np.abs(sparse_jacobian(model)(z).toarray() - differences).max() < 2e-9 * np.abs(differences).max()
 
 
-class Led(System):
+class Led(OfEntropies):
     """All follow one leader: their rate is one number."""
 
     name = "led"
@@ -56,9 +57,6 @@ class Led(System):
 
     def energy(self, z):
         return z.v**2 / 2 + (self.k * z.x**2 / 2).sum() + np.exp(z.s)
-
-    def entropy(self, z):
-        return z.s
 
     def reversible(self, z, dE, dS):
         return {"x": np.zeros_like(z.x) + dE.v, "v": -dE.x.sum()}
