@@ -13,6 +13,7 @@ from tcbench.compiler.array_jacobian import Term, jacobian_terms, shared_as_unkn
 from tcbench.compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
 from tcbench.compiler.array_mesh import Block, alone, scattered
 from tcbench.compiler.array_states import entries
+from tcbench.compiler.library import late_address
 from tcbench.compiler.once import once, once_a_system
 from tcbench.errors import TcbenchError
 from tcbench.solver.foresight import Lending
@@ -171,12 +172,12 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     there = scattered(mesh, made.unknowns, made.terms)
     matrix, places = sparse(size, there.rows, there.columns, mesh.offsets(made.unknowns)[-1], n_factors)
     entries_at = there.places(places, matrix.n_values)
-    to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1).address
+    to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1)
     carried, projected, kinks = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected, made.kinks))
     return {
         "large": True, "sparse": matrix, "n_kinks": kinks, "n_lanes": 0, "n_own": 0,
-        "n_constants": len(system.constant_values), "to_matrix": to_matrix, "n_ends": kernels["to_start"].size,
-        "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
+        "n_constants": len(system.constant_values), "to_matrix": late_address(to_matrix),
+        "n_ends": kernels["to_start"].size, "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,
-        **{name: x.address for name, x in kernels.items()},
+        **{name: late_address(x) for name, x in kernels.items()},
     }  # fmt: skip

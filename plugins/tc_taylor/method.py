@@ -79,6 +79,8 @@ class TaylorMethod(Lending):
 def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     """What the methods of all runs share: compiled functions, a record that each makes `again`, and the time of the
     series, in operations; 0 of those on arrays."""
+    from tcbench.compiler.library import late_address
+
     from . import damping
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
     from .memory import Counts, Course, Trials, Work
@@ -94,7 +96,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     work = Work(
         size=system.size, order=order, n_kinks=n_kinks, n_given=len(given), given=given, tolerance=0.0, few=0.0,
         n_target=made["to_start"].size, seldom=SELDOM, rows=1,
-        **{name: x.address for name, x in made.items()},
+        **{name: late_address(x) if x.table is not None else x.address for name, x in made.items()},
         counts=Counts(), trials=Trials(), course=Course(), least=np.square(system.least_each),
         **damping.fields(order if order <= MOST_ORDER or not elements else 0),
     )  # fmt: skip

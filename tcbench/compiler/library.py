@@ -30,6 +30,7 @@ from .records import address_of
 from .values import BOOL, FLOAT, INT, NOTHING, NUMPY, Array, Several, kind_of
 
 if TYPE_CHECKING:
+    from .kernels import Kernel
     from .translator import Module
 
 CODES = {INT: ctypes.c_int64, FLOAT: ctypes.c_double, BOOL: ctypes.c_int64, NOTHING: None}
@@ -103,32 +104,71 @@ def _linked(module: Module, entries: list[str]) -> list[int]:
     places = [f"{what}{k}" for k in range(len(late)) for what in (LATE, MAKER)]
     found = addresses([*entries, *places], module.text, kind=LIBRARY)
     for function, place, maker in zip(late, found[n::2], found[n + 1 :: 2], strict=True):
-        kept = ctypes.CFUNCTYPE(None)(partial(_make_late, function, place))
-        _CALLBACKS.append(kept)
-        ctypes.c_void_p.from_address(maker).value = ctypes.cast(kept, ctypes.c_void_p).value
+        _later(partial(_compiled, function), place, maker)
     return found[:n]
 
 
-def _make_late(function: FunctionType, place: int) -> None:
-    """Compile a late function and put its address there. Compiled code waits for it: no exception leads out of here."""
+def _later(make: Callable[[], int], place: int, maker: int) -> None:
+    """Have compiled code that calls `maker` find what is made at `place`."""
+    kept = ctypes.CFUNCTYPE(None)(partial(_make_late, make, place))
+    _CALLBACKS.append(kept)
+    ctypes.c_void_p.from_address(maker).value = ctypes.cast(kept, ctypes.c_void_p).value
+
+
+def _compiled(function: FunctionType) -> int:
+    """Address of a late function."""
     from .translator import Module
 
-    interrupted = False
-    while function not in _LATE:
+    with LOCK:  # of two threads the second finds what the first has made
+        if function not in _LATE:
+            module = Module(_SOURCES, root=function)
+            name = module.function(function).name.strip('@"')
+            (_LATE[function],) = _linked(module, [name])
+        return _LATE[function]
+
+
+def _make_late(make: Callable[[], int], place: int) -> None:
+    """Compile what is late and put its address there. Compiled code waits for it: no exception leads out of here."""
+    made, interrupted = 0, False
+    while not made:
         try:
-            with LOCK:  # of two threads the second finds what the first has made
-                if function not in _LATE:
-                    module = Module(_SOURCES, root=function)
-                    name = module.function(function).name.strip('@"')
-                    (_LATE[function],) = _linked(module, [name])
+            made = make()
         except KeyboardInterrupt:
             interrupted = True
         except BaseException:
             traceback.print_exc()
             os.abort()
-    ctypes.c_void_p.from_address(place).value = _LATE[function]
+    ctypes.c_void_p.from_address(place).value = made
     if interrupted:  # told again when compiled code goes on
         threading.Timer(0.02, interrupt_main).start()
+
+
+_THREE = "ptr %a, ptr %b, ptr %out"
+LATE_KERNEL = f"""
+@place = global ptr @first
+@maker = global ptr null
+define internal void @first({_THREE}) noinline {{
+  %make = load ptr, ptr @maker
+  call void %make()
+  %made = load ptr, ptr @place
+  call void %made({_THREE})
+  ret void
+}}
+define void @kernel({_THREE}) {{
+  %made = load ptr, ptr @place
+  call void %made({_THREE})
+  ret void
+}}
+"""
+
+
+def late_address(kernel: Kernel) -> Address:
+    """Address of a kernel that is compiled when it is first called, of which many runs do not call it."""
+    if language.PLAIN:
+        return kernel.address
+    address, place, maker = addresses(["kernel", "place", "maker"], lambda: LATE_KERNEL)
+    _later(lambda: kernel.address, place, maker)
+    return address
 
 
 def callback(function: Callable[[Any, Any, Any], None], sizes: tuple[int, int, int]) -> Address:

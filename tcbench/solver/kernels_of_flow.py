@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler.kernels import Kernel
-from ..compiler.language import call
-from ..compiler.library import callback, evaluate
+from ..compiler.library import evaluate, late_address
 from ..compiler.once import cached_property
 from ..systems.system import System
 
@@ -76,8 +75,7 @@ class FlowKernels:
         found |= {"nj": 0, "ns": p.n, "nnz": p.nnz, "nd": 2 * p.n + self.n_positive, "factorise": p.factorise}
         found |= {"first": p.first, "columns": p.columns, "diagonal": p.diagonal, "order": p.order}
         found |= {"n_own": p.n - self.n_shared, "krylov_steps": p.krylov_steps, "too_large": p.too_large}
-        sizes = found["nw"], p.n, self.full.size
-        return found | {"full": callback(lambda *arrays: call(self.full.address, *arrays), sizes)}
+        return found | {"full": late_address(self.full)}
 
     @property
     def linear(self) -> Kernel:
