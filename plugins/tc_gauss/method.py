@@ -176,8 +176,8 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     carried, projected, kinks = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected, made.kinks))
     return {
         "large": True, "sparse": matrix, "n_kinks": kinks, "n_lanes": 0, "n_own": 0,
-        "n_constants": len(system.constant_values), "to_matrix": late_address(to_matrix),
-        "n_ends": kernels["to_start"].size, "n_nodes": 2 * size + projected,
-        "n_carried": carried, "n_slopes": projected, "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size, "c": system.constant_values,
+        "n_constants": len(system.constant_values), "c": system.constant_values, "to_matrix": late_address(to_matrix),
+        "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
+        "n_ends": kernels["to_start"].size, "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size,
         **{name: late_address(x) for name, x in kernels.items()},
     }  # fmt: skip
