@@ -24,10 +24,8 @@ KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of the
 FAILED = 0.05  # how far apart their directions are at most where a run has failed for it
 TAKES_PART = 0.05  # of the largest share in what vanishes, that of a constraint that is named
 MOST_LOOKED_AT, MOST_STATES = 60, 2000  # constraints and states of which dependence is looked for
-FLAT, SHARP = (
-    0.6,
-    0.25,
-)  # how far apart directions beside a flat position are at most; of this what lines that meet miss
+FLAT = 0.6  # how far apart directions are at most on both sides of a flat position, together
+SHARP = 0.25  # of this, by how much the lines of both sides may miss 0 between them
 SHOWN = 30  # numbers of a variable that a sentence writes out
 MOST = 50  # corrections of a start
 CLOSE = 1e-15  # of its own size, a correction that is the last
