@@ -11,7 +11,7 @@ from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
 from ..solver.mending import LAWFUL, NEAR, SHRUNK, missed
-from ..solver.newton import ACCEPTED, NEGLIGIBLE, REJECTED, finish, foresee, forget, largest_residual, quick
+from ..solver.newton import ACCEPTED, REJECTED, finish, foresee, forget, largest_residual, quick
 from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
@@ -215,7 +215,7 @@ def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bo
             return False
         if k == 1:
             for i in range(run.n_flows):
-                run.flows[i].foreseen.enough = min(ROUGH, max(NEGLIGIBLE, SHARE * change))
+                run.flows[i].foreseen.enough = min(ROUGH, SHARE * change)
         square = change * change
         near = square * square <= LITTLE
         if square <= LITTLE:

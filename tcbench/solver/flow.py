@@ -36,7 +36,7 @@ class Extrapolation(Record, mutable=True):
     degree: int  # of the polynomial through them
     near: bool  # x is a guess for the next step
     curvature: float  # that an earlier step has shown; 0: unknown
-    enough: float  # predicted error of the next root that ends `quick`
+    enough: float  # predicted error of the next root that ends `quick`, where more than round-off is
 
 
 class OldFactors(Record, mutable=True):

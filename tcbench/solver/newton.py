@@ -110,7 +110,7 @@ def finish(flow: CompiledFlow) -> int:
 def forget(flow: CompiledFlow) -> None:
     """What is known of earlier steps is of another run."""
     flow.foreseen.degree, flow.foreseen.near, flow.foreseen.curvature = 0, False, 0.0
-    flow.foreseen.enough = NEGLIGIBLE
+    flow.foreseen.enough = 0.0
     flow.kept.made_in, flow.kept.cost, flow.kept.pause, flow.kept.stopped, flow.kept.noise = 0.0, 0.0, 0.0, 0.0, 0.0
 
 
@@ -154,7 +154,8 @@ def quick(flow: CompiledFlow, guess: Floats) -> tuple[int, int]:
     """
     w, x, d = flow.w, flow.x, flow.d
     n = flow.nx
-    previous, curvature, enough = np.inf, flow.foreseen.curvature, flow.foreseen.enough
+    previous, curvature = np.inf, flow.foreseen.curvature
+    enough = max(NEGLIGIBLE, flow.foreseen.enough)
     small = SQUARED
     if curvature > 0.0:
         small = LEARNED if enough <= NEGLIGIBLE else LEARNED_ROUGHLY
