@@ -48,7 +48,7 @@ def _sampled(system: System) -> tuple[Any, list[Any]]:
         slopes = [net.gradient(z0), net.entropy_gradient(z0), *net.momenta_gradients(z0)]
         kernel: Any = net.compiled([z0, z1], [*found, *slopes])
         kernel = kernel.kernel(system.mesh) if system.large else kernel
-    rng, kept, gradients = np.random.default_rng(0), np.ones(len(names), bool), []
+    rng, kept, gradients = np.random.default_rng(0), np.ones(len(names), bool), list[Any]()
     out, end = np.zeros(kernel.size), 2 * len(names)
     for k in range(TRIES):
         states = rng.uniform(0.5, 1.5, 2 * system.size)
