@@ -86,7 +86,7 @@ class Module:
     """One LLVM module under construction."""
 
     sources: dict[str, str] = field(default_factory=dict)  # texts of files as they were read before
-    root: FunctionType | None = None  # a late function, of which this module is
+    root: Any = None  # a late function, of which this module is
     late: dict[FunctionType, Function] = field(default_factory=dict)
     functions: dict[Any, Function] = field(default_factory=dict)
     code: list[str] = field(default_factory=list)
