@@ -73,7 +73,17 @@ def written(node: Symbol, names: dict[int, str], name: str, derivatives: Mapping
     if node.number in derivatives:
         names[derivatives[node.number].number] = f"d{name}"
         return [f"{name}, d{name} = {node.op}_pair({names[node.args[0].number]})"]
+    if node.op == "mul":
+        for x, inverse in (node.args, node.args[::-1]):
+            if inverse.op == "recip" and inverse.args[0].number in names and _is_size(inverse.args[0]):
+                return [f"{name} = {names[x.number]} / {names[inverse.args[0].number]}"]
     return [f"{name} = {operation(node, [names[x.number] for x in node.args])}"]
+
+
+def _is_size(node: Symbol) -> bool:
+    """Is it |u|, or a sum with it? u/|u| is a sign: exactly 1 as a quotient, which u times 1/|u| is not, and what is 0
+    on one side of a kink, as 1 - u/|u|, stands beside infinite slopes."""
+    return node.op == "abs" or (node.op == "add" and any(map(_is_size, node.args)))
 
 
 def literal(node: Symbol) -> str:

@@ -34,7 +34,7 @@ Other = TypeVar("Other")
 Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
 
 
-MOST_FACTORS = 64  # of a power that is written as products
+MOST_WHOLE, MOST_HALVES = 1024, 64  # a power of so many factors, or half factors, is written as products by squaring
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
 
@@ -332,14 +332,14 @@ def reciprocal(a: Symbol) -> Symbol:
 
 
 def power(base: Symbol, exponent: Any) -> Symbol:
-    """base ** exponent: whole numbers up to 64 by products, which take any base, and their halves by a root; another
+    """base ** exponent: whole numbers up to 1024 by products, which take any base, halves up to 32 by a root; another
     power of a product with an exponential in it as one exponential: (exp(s) / v)^c is exp(c (s - log v))."""
     exponent = lifted(exponent)
     wanted = exponent.value if is_const(exponent) else math.inf
-    if wanted > 0 and 2 * wanted <= MOST_FACTORS and wanted % 1 == 0.5:
+    if wanted > 0 and 2 * wanted <= MOST_HALVES and wanted % 1 == 0.5:
         shifted = add(base, const(TINY)) if wanted > 1 and not base.positive else base  # x^1.5 has a slope at 0
         return mul(make("sqrt", shifted), power(base, wanted - 0.5))
-    if not abs(wanted) <= MOST_FACTORS or wanted != int(wanted):
+    if not abs(wanted) <= MOST_WHOLE or wanted != int(wanted):
         logarithm = _logarithm(base) if math.isfinite(wanted) and wanted % 1 else None  # of a root the base is positive
         return make("pow", base, exponent) if logarithm is None else mul(exponent, logarithm).exp()
     result, square, n = const(1.0), base, abs(int(wanted))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..studies.columns import ERROR_MAX, claim_column
+from ..systems.energy_scale import HIDDEN
 from .pairs import is_kept
 from .words import is_finite
 
@@ -18,14 +19,15 @@ def is_claimed(law: str, claims: Any) -> bool:
 
 
 def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
-    """Column -> what a run says of the law that it measures: claimed or not, kept or not; "" for every other column."""
+    """Column -> what a run says of the law that it measures: claimed or not, kept or not or not to be seen; "" for every other column."""
     laws = {claim_column(claim): claim for claim in ("energy", "entropy", *method.claims)}
     laws = {str(name): str(name).removesuffix(ERROR_MAX) for name in row if str(name).endswith(ERROR_MAX)} | laws
     found = {}
     for column, law in laws.items():
         if is_finite(row.get(column)) and row.get("steps", 1) > 0:
-            within = law == "energy" and float(row[column]) <= float(row.get("energy_round_off") or 0.0)
-            holds = within or is_kept(law, float(row[column]))
+            round_off = float(row.get("energy_round_off") or 0.0) if law == "energy" else 0.0
+            holds = float(row[column]) <= round_off or is_kept(law, float(row[column]))
             claimed = "claimed" if is_claimed(law, method.claims) else "not claimed"
-            found[column] = f"{claimed}, {'kept' if holds else 'not kept'}"
+            seen = "kept" if holds else "not kept"
+            found[column] = f"{claimed}, {'hidden by the round-off of E' if round_off > HIDDEN else seen}"
     return found
