@@ -152,7 +152,9 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                         f"a tolerance of {rtol:g} over t = {whole:g} asks for errors below round-off; take a looser "
                         "one, a shorter run, or a method of higher order"
                     )
-                raise ArithmeticError(f"no step of {step.method.name} is short enough at t = {t:g}: {why}")
+                gave_up = ArithmeticError(f"no step of {step.method.name} is short enough at t = {t:g}: {why}")
+                vars(gave_up)["states"] = np.array(states)
+                raise gave_up
         states.append(z)
     return np.array(states), {"steps": done, "newton_iterations": step.iterations - before}
 

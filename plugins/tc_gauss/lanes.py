@@ -17,9 +17,7 @@ OPERATIONS = {"add", "sub", "mul", "neg", "recip", "sqrt", "exp", "log", "pow", 
 
 def can_express(outputs: Sequence[Symbol]) -> bool:
     """Whether every operation of these graphs is one on vectors."""
-    return all(
-        node.op in OPERATIONS and (node.op != "pow" or node.args[0].positive) for node in topological(outputs)
-    )
+    return all(node.op in OPERATIONS and (node.op != "pow" or node.args[0].positive) for node in topological(outputs))
 
 
 class Lanes:

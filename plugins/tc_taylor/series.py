@@ -49,7 +49,7 @@ class Normal:
 
     def __init__(self, varying: Sequence[Symbol]) -> None:
         self.interned: dict[Any, Series] = {}
-        self.form_of: dict[int, Linear] = {}  # exponent of each exponential
+        self.form_of: dict[int, Linear] = {}  # exponent of each exponential, terms of each sum
         self.keys: dict[frozenset[tuple[int, int]], Monomial] = {}
         self.variables = [self.series("var", index=i) for i in range(len(varying))]
         self.known: dict[int, Linear] = {
@@ -98,7 +98,7 @@ class Normal:
             case "mark":
                 return {((self.single(args[0]), 1),): ONE}
             case "pow":
-                base, power = args
+                base, power = self.gathered(args[0]), args[1]
                 if len(base) > 1 and not (power.keys() == {()} and power[()].op == "const"):  # 1/2 it may be, or 3/2
                     base, power = self.function("sqrt", base), scaled(power, trace.const(2.0))
                 return self.function("exp", self.times(power, self.function("log", base)))
@@ -125,8 +125,10 @@ class Normal:
             return self._logarithm(*next(iter(form.items())))
         if name == "exp":
             return self._exponential(form)
-        if name == "sqrt" and (found := self._root_of_square(form)):
-            return found
+        if name == "sqrt":
+            form = self.gathered(form)
+            if found := self._root_of_square(form):
+                return found
         return {((self.series(name, (self.single(form),)), 1),): ONE}
 
     def _logarithm(self, key: Monomial, weight: Symbol) -> Linear:
@@ -144,6 +146,23 @@ class Normal:
             part = self.form_of[id(x)] if x.kind == "exp" else {((self._log(x, power % 2 == 0), 1),): ONE}
             result = combined(result, part, trace.const(float(power)))
         return result
+
+    def gathered(self, form: Linear) -> Linear:
+        """Of max(u, 0), (|u| + u)/2, the terms of u as one times (1 + sign u)/2, so that on its flat side exactly 0 is
+        left of it, and what is tiny beside that, of which every power has a series."""
+        for key, weight in form.items():
+            u = next((x for x, k in key if x.kind != "sign" and k == 1), None)
+            sign = next((x for x, _ in key if x.kind == "sign"), None)
+            for one in (1.0, -1.0) if u and sign and len(key) == 2 else ():
+                each, terms = trace.mul(trace.const(one), weight), self.form_of.get(id(u), {((u, 1),): ONE})
+                if combined(form, terms, trace.neg(each)).keys() == {key}:
+                    side = self.single({(): trace.const(0.5), ((sign, 1),): trace.const(0.5 * one)})
+                    side.constant = True
+                    return {
+                        self.one_key([(u, 1), (side, 1)]): trace.mul(trace.const(2.0), each),
+                        (): trace.const(trace.TINY),
+                    }
+        return form
 
     def sign(self, form: Linear) -> Linear:
         """Of a sum: constant in a step."""
@@ -284,7 +303,9 @@ class Normal:
                 return self._product(key)
         constant = form.get((), ZERO)
         terms = [(self._product(key), weight) for key, weight in form.items() if key]
-        return self.series("sum", tuple(x for x, _ in terms), (*(w for _, w in terms), constant))
+        found = self.series("sum", tuple(x for x, _ in terms), (*(w for _, w in terms), constant))
+        self.form_of[id(found)] = form
+        return found
 
     def _product(self, key: Monomial) -> Series:
         factors = [x for x, k in key for _ in range(k)]

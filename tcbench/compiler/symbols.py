@@ -34,7 +34,8 @@ Other = TypeVar("Other")
 Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
 
 
-MOST_WHOLE, MOST_HALVES = 1024, 64  # a power of so many factors, or half factors, is written as products by squaring
+# a power of so many factors, or half factors, is written as products by squaring
+MOST_WHOLE, MOST_HALVES = 1024, 64
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
 
@@ -326,9 +327,23 @@ def reciprocal(a: Symbol) -> Symbol:
         if a.value == 0.0:
             raise refused("division by the constant zero")
         return const(1.0 / a.value)
+    if a.op == "mul" and _is_power(a):  # whose end is what is left of its start: nothing, if that is many times larger
+        return mul(reciprocal(a.args[0]), reciprocal(a.args[1]))
     if a.op == "recip":
         return a.args[0]
     return intern("recip", (a,))
+
+
+def _is_power(product: Symbol) -> bool:
+    """Are all of its factors one?"""
+    factors, found = [product], set[int]()
+    while factors and len(found) < 2:
+        x = factors.pop()
+        if x.op == "mul":
+            factors += x.args if x.args[0] is not x.args[1] else x.args[:1]
+        else:
+            found.add(x.number)
+    return len(found) == 1
 
 
 def power(base: Symbol, exponent: Any) -> Symbol:
@@ -342,12 +357,12 @@ def power(base: Symbol, exponent: Any) -> Symbol:
     if not abs(wanted) <= MOST_WHOLE or wanted != int(wanted):
         logarithm = _logarithm(base) if math.isfinite(wanted) and wanted % 1 else None  # of a root the base is positive
         return make("pow", base, exponent) if logarithm is None else mul(exponent, logarithm).exp()
-    result, square, n = const(1.0), base, abs(int(wanted))
+    result, square, n = const(1.0), base if wanted >= 0 else reciprocal(base), abs(int(wanted))
     while n:
         if n & 1:
             result = mul(result, square)
         square, n = mul(square, square), n >> 1
-    return result if wanted >= 0 else reciprocal(result)
+    return result
 
 
 def _logarithm(product: Symbol) -> Symbol | None:

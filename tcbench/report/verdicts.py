@@ -19,7 +19,7 @@ def is_claimed(law: str, claims: Any) -> bool:
 
 
 def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
-    """Column -> what a run says of the law that it measures: claimed or not, kept or not or not to be seen; "" for every other column."""
+    """Column -> what a run says of the law that it measures: claimed, kept or hidden; "" for every other column."""
     laws = {claim_column(claim): claim for claim in ("energy", "entropy", *method.claims)}
     laws = {str(name): str(name).removesuffix(ERROR_MAX) for name in row if str(name).endswith(ERROR_MAX)} | laws
     found = {}

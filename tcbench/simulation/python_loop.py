@@ -254,8 +254,9 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
         counts = {name: _whole(name, value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
-        states = np.array(given) if given else np.empty((0, model.size))  # those before it stand
         status, failure = raised(error, len(given), float(t[len(given) - 1])) if given else ending(error)
+        given = given or list(getattr(error, "states", ()))[: len(t)]
+        states = np.array(given) if given else np.empty((0, model.size))  # those before it stand
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
     return Solved(states, counts, status, failure, wall, work)

@@ -143,12 +143,15 @@ class Lending:
         self.first[...] = z0
 
     def ended(self, reached: bool, course: Any) -> Floats:
-        """The states of a run that has ended; ArithmeticError where it did not reach the last time but `course.t`."""
+        """The states of a run that has ended; where it did not reach the last time but `course.t`, ArithmeticError with
+        those up to there as `states`."""
         if self.looks.begun or not reached:
             self.looks.end()
         if not reached:
             kinks = f": its rates have kinks, and {NO_RATES}" if self.work.n_kinks else ""
-            raise ArithmeticError(f"the step became too short at t = {course.t:.6g}{kinks}")
+            failed = ArithmeticError(f"the step became too short at t = {course.t:.6g}{kinks}")
+            vars(failed)["states"] = self.states[: np.searchsorted(self.times, course.t, "right")].copy()
+            raise failed
         return self.states.copy()
 
 

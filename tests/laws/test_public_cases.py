@@ -298,6 +298,38 @@ def test_a_motion_towards_extinction_stays_positive():
         assert not run.ok or (run.summary.energy_error_max < 1e-10 and (run.z > 0).all())
 
 
+def test_an_energy_whose_round_off_hides_what_moves_is_not_called_kept():
+    """A large bath at 300 degrees, counted from absolute zero: Euler gains 1.5 of the oscillator's energy."""
+    from tcbench.report.verdicts import verdicts
+    from tcbench.simulation.metrics import conservation
+
+    class Bath(System):
+        variables = {"q": (), "p": (), "s": ()}
+        constants = {"capacity": ()}
+
+        def energy(self, z):
+            return z.p**2 / 2 + z.q**2 / 2 + self.capacity * 300.0 * np.exp(z.s / self.capacity)
+
+        def entropy(self, z):
+            return z.s
+
+        def reversible(self, z, dE, dS):
+            return {"q": dE.p, "p": -dE.q}
+
+        def irreversible(self, z, dE, dS):
+            return {"p": -0.01 * dE.p, "s": 0.01 * dE.p**2 / dE.s}
+
+    euler = tcbench.Integrator(
+        name="euler", order=1, flows=lambda z0, z1, h, system: z1 - z0 - h * system.vector_field(z0)
+    )
+    for capacity, said in ((1e2, "not claimed, not kept"), (1e12, "not claimed, hidden by the round-off of E")):
+        scenario = Scenario(
+            "bath", Bath, {"capacity": capacity}, initial={"q": 1.0, "p": 0.0, "s": 0.0}, t_end=20.0, dt=0.05
+        )
+        row = conservation(tcbench.simulate(euler, scenario))
+        assert verdicts(euler, row)["energy_error_max"] == said
+
+
 def test_what_the_formulas_of_the_cases_say_is_the_start_at_their_start():
     for name, case in CASES.items():
         if name != "elastic grains":  # known behind the contact alone

@@ -135,3 +135,26 @@ def test_what_is_no_formula_is_still_refused_at_its_line(formula, told):
     scenario = Scenario("branching", Branching, {}, initial={"q": 0.9, "p": 0.2, "s": 0.0}, t_end=1.0, dt=0.1)
     with pytest.raises(TcbenchError, match=rf"test_choices.py, line \d+: .*{told}"):
         tcbench.simulate("tc_monolithic", scenario)
+
+
+@pytest.mark.parametrize("p", [1.3, 1.5, 1.7, 2.2, 2.5, 3.5])
+def test_walls_of_any_power_are_met_from_their_flat_side(p):
+    """Of a slope that was 1e-17 for 0 beside an infinite one a Jacobian had 1e147: tc_gauss and controlled stood still,
+    with status ok; tc_taylor ended at the start, where the base of a power is 0."""
+
+    class Walls(Mechanical):
+        name = "walls"
+
+        def energy(self, z):
+            return z.p**2 / 2 + np.maximum(z.q - 0.5, 0.0) ** p + np.maximum(-z.q - 0.4, 0.0) ** 1.7 + 300.0 * z.s
+
+    scenario = Scenario("walls", Walls, {}, initial={"q": 0.0, "p": 1.0, "s": 0.0}, t_end=4.0, dt=0.05)
+    exact = tcbench.simulate("scipy_dop853", scenario, tolerance=1e-11).z[-1]
+    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled"):
+        run = tcbench.simulate(method, scenario, tolerance=1e-6)
+        assert run.ok and np.abs(run.z[-1] - exact).max() < 2e-5, (method, run.failure)
+    step = tcbench.stepper("tc_gauss", scenario)
+    states = [scenario.z0]
+    for _ in range(40):
+        states.append(step(states[-1], 0.01))
+    assert states[-1][0] == pytest.approx(0.4, rel=1e-12)

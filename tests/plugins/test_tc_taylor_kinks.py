@@ -231,3 +231,6 @@ def test_where_dry_friction_holds_a_body_the_sentence_says_so(tolerance):
     for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled", "projected[method=scipy_dop853]"):
         run = tcbench.simulate(method, scenario, tolerance=tolerance)
         assert run.status == "nonconverged" and "sticks (dry friction)" in run.failure, (method, run.failure)
+        if not method.startswith("projected"):  # whose solver gives states one by one, up to a turn in its kink
+            assert run.t[-1] == pytest.approx(np.pi, abs=0.04), method  # states up to there are kept
+            assert run.z[-1, 0] == pytest.approx(-0.2, abs=2e-3), method
