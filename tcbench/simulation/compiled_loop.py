@@ -16,7 +16,7 @@ from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-LITTLE = 1e-16  # of a state: round-off is near
+LITTLE = 1e-18  # of a state: less than the round-off that the laws show of it
 LEAST = 1e-300  # square of a state
 SHARE, ROUGH = 1e-4, 1e-9  # of what is corrected, the error of a root before; and the most of it, scaled
 
@@ -217,16 +217,12 @@ def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bo
             for i in range(run.n_flows):
                 run.flows[i].foreseen.enough = min(ROUGH, SHARE * change)
         square = change * change
-        near = square * square <= LITTLE
-        if square <= LITTLE:
-            move(after, trial, flow.w, after, trial)
-        else:
+        near = square * change <= LITTLE
+        if near and square > LITTLE:
             call(flow.polish, flow.w, flow.w, flow.d)
-            if square * change <= LITTLE or not near:
-                move(after, trial, flow.d, after, trial)
-            else:
-                call(flow.polish, flow.w, flow.d, flow.dz)
-                move(after, trial, flow.dz, after, trial)
+            move(after, trial, flow.d, after, trial)
+        else:  # where two corrections leave too much, new slopes cost less than a third
+            move(after, trial, flow.w, after, trial)
         if near or k == flow.most:
             open_step(run, after)
             before, left = left, missed(now, first, entropy, run.allowed)

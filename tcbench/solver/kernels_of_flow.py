@@ -62,7 +62,7 @@ class FlowKernels:
         """Sizes and addresses, as `CompiledFlow` names them; everything is compiled when they are first asked for."""
         found: dict[str, Any] = {
             "nx": self.n_unknowns, "ne": self.n_eliminated, "npos": self.n_positive,
-            "nd": max(self.iterate.size, self.polish.size),
+            "nd": max(k.size + k.room for k in (self.iterate, self.polish)),
             "nw": self.opening.size + max(self.setup.size, self.opening.room), "prologue": self.prologue.address,
             "iterate": self.iterate.address, "polish": self.polish.address, "finish": self.finish.address,
             "nfull": max(k.size + k.room for k in (self.full, self.iterate, self.polish)), "nj": self.n_unknowns,

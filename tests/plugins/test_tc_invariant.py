@@ -76,3 +76,11 @@ def test_constraints_are_held_beside_invariants():
     large = tcbench.plugins.find_scenario("director_rod")
     with pytest.raises(tcbench.TcbenchError, match="up to 100"):
         tcbench.simulate("tc_invariant", large)
+
+
+def test_corrections_of_a_large_system_have_the_memory_that_they_write_to():
+    from tcbench.solver.implicit_step import compiled_flows
+
+    flows = compiled_flows(tcbench.plugins.find_integrator("tc_invariant").flows, OF["angle_beam"].model.symbolic)
+    (correction,) = (k for k in flows if k.mends)
+    assert correction.polish.room > 0 and correction.fields["nd"] >= correction.polish.size + correction.polish.room
