@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
+import time
 import traceback
 from _thread import interrupt_main
 from collections.abc import Callable
@@ -94,6 +95,12 @@ class Library:
 
 _CALLBACKS: list[Any] = []  # for as long as the process lives
 _LATE: dict[FunctionType, int] = {}  # addresses of late functions
+_SPENT = [0.0]
+
+
+def compiled_late() -> float:
+    """Seconds that this process has spent so far on compiling what is late, while compiled code waited for it."""
+    return _SPENT[0]
 
 
 def _linked(module: Module, entries: list[str]) -> list[int]:
@@ -129,7 +136,7 @@ def _compiled(function: FunctionType) -> int:
 
 def _make_late(make: Callable[[], int], place: int) -> None:
     """Compile what is late and put its address there. Compiled code waits for it: no exception leads out of here."""
-    made, interrupted = 0, False
+    made, interrupted, begin = 0, False, time.perf_counter()
     while not made:
         try:
             made = make()
@@ -139,6 +146,7 @@ def _make_late(make: Callable[[], int], place: int) -> None:
             traceback.print_exc()
             os.abort()
     ctypes.c_void_p.from_address(place).value = made
+    _SPENT[0] += time.perf_counter() - begin
     if interrupted:  # told again when compiled code goes on
         threading.Timer(0.02, interrupt_main).start()
 
