@@ -327,7 +327,9 @@ def test_a_late_function_is_compiled_when_it_is_first_called_and_calls_others(mo
     of, x = Library("perhaps", perhaps), np.array([1.0, 2.0, 4.0])
     before = library.compiled_late()  # which is taken from the time of a run
     assert of.perhaps(x, False) == 0.0 and made == [["entry.0"]] and library.compiled_late() == before
-    assert of.perhaps(x, True) == 17.0 and library.compiled_late() > before and made[1:] == [["0.twice"], ["0.total_of"]]
+    assert (
+        of.perhaps(x, True) == 17.0 and library.compiled_late() > before and made[1:] == [["0.twice"], ["0.total_of"]]
+    )
     assert of.perhaps(2 * x, True) == 31.0 and Library("again", perhaps).perhaps(x, True) == 17.0
     assert len(made) == 4  # the other library of its own, and no late function again
 
