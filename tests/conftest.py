@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 
 import pytest
 from hypothesis import settings
+
+if (
+    signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+):  # begun in the background of a shell: tests of interrupts would hang
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("tcbench", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("tcbench")
