@@ -16,7 +16,7 @@ from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-LITTLE = 1e-18  # of a state: less than the round-off that the laws show of it
+LITTLE = 1e-22  # of a state, whose small numbers the energy shows
 LEAST = 1e-300  # square of a state
 SHARE, ROUGH = 1e-4, 1e-9  # of what is corrected, the error of a root before; and the most of it, scaled
 
