@@ -83,6 +83,10 @@ class Normal:
         match node.op:
             case "add" if (root := beside_nothing(node)) is not None:
                 return self.known[root.number]
+            case "add" if trace.is_const(node.args[0], trace.TINY) and () in args[1]:
+                return args[1]  # whose constant swallows it
+            case "add" if trace.is_const(node.args[1], trace.TINY) and () in args[0]:
+                return args[0]
             case "add":
                 return combined(args[0], args[1], ONE)
             case "sub":
@@ -155,7 +159,8 @@ class Normal:
             sign = next((x for x, _ in key if x.kind == "sign"), None)
             for one in (1.0, -1.0) if u and sign and len(key) == 2 else ():
                 each, terms = trace.mul(trace.const(one), weight), self.form_of.get(id(u), {((u, 1),): ONE})
-                if combined(form, terms, trace.neg(each)).keys() == {key}:
+                whole = scaled(terms, each) | {key: weight}
+                if whole.keys() == form.keys() and all(same(form[term], whole[term]) for term in form):
                     side = self.single({(): trace.const(0.5), ((sign, 1),): trace.const(0.5 * one)})
                     side.constant = True
                     return {
@@ -321,6 +326,22 @@ def beside_nothing(node: Symbol) -> Symbol | None:
         if trace.is_const(other) and abs(other.value) <= trace.TINY and x.op in ("abs", "sqrt", "hypot"):
             return x
     return None
+
+
+def same(a: Symbol, b: Symbol) -> bool:
+    """Are two weights one, however their signs and numbers are written: -(a/2) and a (-1/2)?"""
+
+    def taken_apart(x: Symbol) -> tuple[float, int]:
+        number = 1.0
+        while x.op in ("neg", "mul"):
+            known = next((y for y in x.args if y.op == "const"), None)
+            if x.op == "mul" and known is None:
+                break
+            number *= -1.0 if known is None else known.value
+            x = x.args[0] if known is not x.args[0] else x.args[1]
+        return (number * x.value, 0) if x.op == "const" else (number, x.number)
+
+    return taken_apart(a) == taken_apart(b)
 
 
 def combined(a: Linear, b: Linear, weight: Symbol) -> Linear:
