@@ -152,8 +152,10 @@ class Normal:
         return result
 
     def gathered(self, form: Linear) -> Linear:
-        """Of max(u, 0), (|u| + u)/2, the terms of u as one times (1 + sign u)/2, so that on its flat side exactly 0 is
-        left of it, and what is tiny beside that, of which every power has a series."""
+        """max(u, 0), written as (|u| + u)/2, in the form u (1 + sign u)/2 and a tiny constant; any other sum as it is.
+
+        On the flat side exactly the constant is left, and every power of it has a series.
+        """
         for key, weight in form.items():
             u = next((x for x, k in key if x.kind != "sign" and k == 1), None)
             sign = next((x for x, _ in key if x.kind == "sign"), None)

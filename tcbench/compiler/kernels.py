@@ -81,8 +81,8 @@ def written(node: Symbol, names: dict[int, str], name: str, derivatives: Mapping
 
 
 def _is_size(node: Symbol) -> bool:
-    """Is it |u|, or a sum with it? u/|u| is a sign: exactly 1 as a quotient, which u times 1/|u| is not, and what is 0
-    on one side of a kink, as 1 - u/|u|, stands beside infinite slopes."""
+    """Whether a node is |u|, or a sum that |u| is a part of. What is divided by it is a sign and has to be exactly 1 or
+    -1, which u times 1/|u| is not always: 1 - sign(u) may stand beside an infinite slope."""
     return node.op == "abs" or (node.op == "add" and any(map(_is_size, node.args)))
 
 
