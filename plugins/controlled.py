@@ -16,7 +16,7 @@ from tcbench import Integrator, TcbenchError, family, hookimpl, stepper
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_kernels import array_kernel
 from tcbench.compiler.array_states import entries
-from tcbench.compiler.once import once
+from tcbench.compiler.caches import cached
 from tcbench.plugins import find_integrator
 from tcbench.solver.foresight import NO_RATES
 
@@ -61,7 +61,7 @@ def kinks_in(system: Any):
     return lambda z: np.split(kernel(np.ascontiguousarray(z, dtype=float), c), [n, 2 * n])
 
 
-@once
+@cached
 def kinks_kernel(symbolic: Any):
     with trace.tracing():
         z = symbolic.unknowns("z")

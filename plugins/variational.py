@@ -20,13 +20,13 @@ import numpy as np
 
 from tcbench import Flow, Integrator, hookimpl
 from tcbench.compiler import derivatives as trace
-from tcbench.compiler.once import once_a_system
+from tcbench.compiler.caches import cached_per_system
 
 from .ybaby import ANOTHER, under
 from .ybaby import refuses as not_hamiltonian
 
 
-@once_a_system
+@cached_per_system
 def entropies(system):
     """Names of the variables that S is linear in; None where it is another function of the state."""
     sym = system.symbolic

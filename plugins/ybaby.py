@@ -12,13 +12,13 @@ import numpy as np
 
 from tcbench import ElementSystem, Integrator, hookimpl
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.caches import cached_per_system
 from tcbench.compiler.chain_rule import discrete_gradient, gradient
-from tcbench.compiler.once import once_a_system
 
 ANOTHER = "take a method for every system, such as tc_monolithic"
 
 
-@once_a_system
+@cached_per_system
 def hamiltonian(system):
     """Is the reversible part that of H = K(p) + U(q, the rest)?"""
     if isinstance(system, ElementSystem):

@@ -5,7 +5,7 @@ over the time of the fastest motion. See march.py and docs/methods-explained.md.
 """
 
 from tcbench import Integrator, hookimpl
-from tcbench.compiler.once import Spares
+from tcbench.compiler.caches import Spares
 
 from ..tc_gauss import stages_of
 from ..tc_taylor import SAFETY, best_of, order_of, refuses

@@ -11,7 +11,7 @@ from functools import cache, partial
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
-from tcbench.compiler.once import Spares
+from tcbench.compiler.caches import Spares
 
 EXACT = {"energy", "entropy", "angular_momentum"}
 SOURCE = "Gauss collocation with projected stress and temperature (docs/methods-explained.md)"

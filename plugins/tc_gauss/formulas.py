@@ -18,11 +18,11 @@ from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_mesh import Block, alone
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.arrays import variable
+from tcbench.compiler.caches import cached
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, lifted
 from tcbench.compiler.kernels import Kernel, constant_part, kernel, placed
 from tcbench.compiler.language import PLAIN
-from tcbench.compiler.once import once
 from tcbench.reference.quadrature import gauss, integrals, lagrange
 from tcbench.solver.mending import by_variable, mending_kernels
 from tcbench.systems.constrained import reduced
@@ -83,7 +83,7 @@ class Formulas(NamedTuple):
     n_kinks: int  # numbers behind all that `start` gives: see `kinks_of`
 
 
-@once
+@cached
 def formulas(symbolic: System) -> Formulas:
     """The formulas of all systems of one structure, of which `System.symbolic` is one; made once."""
     with trace.tracing() as table:

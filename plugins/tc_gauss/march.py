@@ -6,7 +6,7 @@ import math
 
 from tcbench.compiler.language import Floats, Matrix, call, copy_into, fill, late, rare
 from tcbench.compiler.library import Library
-from tcbench.compiler.looks import to_end
+from tcbench.compiler.polling import to_end
 from tcbench.solver.linear_algebra import add_compensated
 
 from .memory import LONG, Work

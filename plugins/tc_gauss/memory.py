@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tcbench.compiler.kernels import WIDTH  # noqa: F401  (of the shapes)
 from tcbench.compiler.language import Address, Cube, Floats, Matrix
-from tcbench.compiler.looks import SIZE  # noqa: F401  (of the shapes)
+from tcbench.compiler.polling import SIZE  # noqa: F401  (of the shapes)
 from tcbench.compiler.records import Record, sized
 
 from .sparse import Sparse
@@ -149,7 +149,7 @@ class Work(Record):
     carry: Floats = sized("m")  # and what rounding dropped on the way
     here: Floats = sized("m")  # of a march: where it is
     dropped: Floats = sized("m")  # and what rounding dropped on the way
-    watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.looks`
+    watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.polling`
     rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
     states: Matrix = sized("rows", "m")  # at these times, the first given

@@ -13,8 +13,8 @@ from tcbench.compiler.array_jacobian import Term, jacobian_terms, shared_as_unkn
 from tcbench.compiler.array_kernels import ArrayKernel, array_kernel, jacobian_kernel
 from tcbench.compiler.array_mesh import Block, alone, scattered
 from tcbench.compiler.array_states import entries
+from tcbench.compiler.caches import cached, cached_per_system
 from tcbench.compiler.library import late_address
-from tcbench.compiler.once import once, once_a_system
 from tcbench.errors import TcbenchError
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels
@@ -81,7 +81,7 @@ def held(k: int, tolerance: float) -> tuple[float, float]:
     return tolerance ** ((k + 1) / (2 * k)), max(FINEST, SOLVED_TO * tolerance)
 
 
-@once_a_system
+@cached_per_system
 def prepared(system: System, k: int) -> tuple[Any, Any]:
     """What the methods of all runs share: compiled functions, and a record that each makes `again`."""
     from .march import LOOPS  # LLVM is loaded when something runs, not when plugins are listed
@@ -135,7 +135,7 @@ class ArrayFormulas(NamedTuple):
     terms: list[tuple[int, Term]]  # its entries: of which row
 
 
-@once
+@cached
 def array_formulas(net: Any) -> ArrayFormulas:
     """Those of all systems of one kind, by their `by_arrays`."""
     with trace.tracing():

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.caches import cached
 from tcbench.compiler.kernels import WIDTH, Kernel
-from tcbench.compiler.once import once
 from tcbench.systems.system import System
 
 from .formulas import Formulas, coefficients, formulas
@@ -26,7 +26,7 @@ KERNELS = ("to_factor", "to_damp", "to_iterate", "to_iterate_finer", "to_extrapo
 Complex = tuple[Any, Any]
 
 
-@once
+@cached
 def vector_kernels(symbolic: System, k: int) -> dict[str, int]:
     """Addresses of the kernels by their names in `memory.Work`; zeros where the formulas have no such form."""
     made = formulas(symbolic)

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from tcbench import Integrator, family, hookimpl
-from tcbench.compiler.once import Spares
+from tcbench.compiler.caches import Spares
 
 from .orders import EFFORT, LEAST, LONG_ORDER, MOST_ELEMENTS, MOST_ORDER, MOST_VARIABLES, ORDERS, is_long
 

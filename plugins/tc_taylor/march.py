@@ -6,7 +6,7 @@ import math
 
 from tcbench.compiler.language import Floats, Matrix, bits, call, copy_into, from_bits, late, rare
 from tcbench.compiler.library import Library
-from tcbench.compiler.looks import to_end
+from tcbench.compiler.polling import to_end
 from tcbench.solver.mending import mended
 
 from . import damping, kinks

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tcbench.compiler.language import Address, Floats, Matrix
-from tcbench.compiler.looks import SIZE  # noqa: F401  (of the shapes)
+from tcbench.compiler.polling import SIZE  # noqa: F401  (of the shapes)
 from tcbench.compiler.records import Record, sized
 
 LAST = 4  # coefficients of a series that are damped
@@ -88,7 +88,7 @@ class Work(Record):
     last: Floats = sized("size")  # the state that the last step began from
     end: Floats = sized("2 * size + 2")  # the end of a step or a place in it: the state there, and slopes
     rates: Floats = sized("2 * size")  # and the rates that the formulas give there
-    watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.looks`
+    watch: Floats = sized("SIZE")  # of an adaptive run, lent for it: see `tcbench.compiler.polling`
     rows: int  # what follows is lent for a run
     times: Floats = sized("rows")
     states: Matrix = sized("rows", "size")  # z at these times, the first given

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from tcbench import System
 from tcbench.compiler import derivatives as trace
+from tcbench.compiler.caches import cached, cached_per_system, cached_property
 from tcbench.compiler.kernels import Kernel, kernel
-from tcbench.compiler.once import cached_property, once, once_a_system
 from tcbench.solver.foresight import Lending
 from tcbench.solver.mending import mending_kernels
 
@@ -75,7 +75,7 @@ class TaylorMethod(Lending):
         return states[:done]
 
 
-@once_a_system
+@cached_per_system
 def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     """What the methods of all runs share: compiled functions, a record that each makes `again`, and the time of the
     series, in operations; 0 of those on arrays."""
@@ -103,7 +103,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
     return LOOPS, work, series_time
 
 
-@once
+@cached
 def kernels(system: System, order: int) -> tuple[dict[str, Any], Kernel | None, float]:
     """Kernels by their names in `memory.Work`, setup and time of the series of all systems of one structure, by
     `System.symbolic`; of one kind, by `by_arrays`, without polynomials, setup and time."""

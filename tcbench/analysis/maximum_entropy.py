@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import derivatives as trace
+from ..compiler.caches import cached
 from ..compiler.kernels import Kernel, kernel, placed
-from ..compiler.once import once
 from ..systems.state import fixed
 from ..systems.system import System
 
@@ -191,7 +191,7 @@ class _Surface:
         return bool(np.all(watched > ADMISSIBLE))
 
 
-@once
+@cached
 def _derivatives(symbolic: System) -> Kernel:
     """z -> values, gradients, second derivatives of S, E and the invariants, for all systems of one structure."""
     with trace.tracing():

@@ -19,7 +19,7 @@ import numpy as np
 import pint
 
 from ..compiler.ops import by_numpy
-from ..compiler.sentences import where_in_user_code
+from ..compiler.trace_errors import where_in_user_code
 from ..errors import TcbenchError, unknown_name
 from ..systems.as_written import place
 from ..systems.system import System

@@ -49,7 +49,7 @@ class Arithmetic:
     values: dict[str, Value]  # names that are assigned once
     cells: dict[str, Value]  # names that are assigned again: kind, addresses
     assigned: dict[str, int]  # how often each local name is
-    known: set[str]  # local names that are set on every way that leads here
+    definite: set[str]  # local names that are set on every way that leads here
     block: str
     count = 0
 
@@ -200,10 +200,10 @@ class Arithmetic:
             raise self.refusal(node, "a chain of comparisons: write them one by one, with and")
         operation, other = node.ops[0], node.comparators[0]
         if isinstance(operation, ast.In | ast.NotIn) and isinstance(other, ast.Tuple):
-            left, found = self.value(node.left), "false"
+            left, matches = self.value(node.left), "false"
             for x in other.elts:
-                found = self.emit(f"or i1 {found}, {self.compared(node, ast.Eq, left, self.value(x))}")
-            return Value(BOOL, (found if isinstance(operation, ast.In) else self.emit(f"xor i1 {found}, true"),))
+                matches = self.emit(f"or i1 {matches}, {self.compared(node, ast.Eq, left, self.value(x))}")
+            return Value(BOOL, (matches if isinstance(operation, ast.In) else self.emit(f"xor i1 {matches}, true"),))
         if type(operation) not in COMPARISONS:
             raise self.refusal(node, "this comparison is not translated")
         return Value(BOOL, (self.compared(node, type(operation), self.value(node.left), self.value(other)),))

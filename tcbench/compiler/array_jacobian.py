@@ -62,7 +62,7 @@ def _sum_read_again(nodes: Sequence[Symbol], moving: Collection[int]) -> Symbol 
     """The first array that has sums along tables in it and is read along a table: the sums themselves, or what is made
     of several of them before it is read, whichever are fewer."""
     sums: dict[int, frozenset[int]] = {}  # of what has sums in it, which
-    known = {x.number: x for x in nodes}
+    node_of = {x.number: x for x in nodes}
     read: dict[int, Symbol] = {}
     for node in nodes:
         if node.number not in moving or not node.space:
@@ -73,12 +73,12 @@ def _sum_read_again(nodes: Sequence[Symbol], moving: Collection[int]) -> Symbol 
             if node.args[0].number in sums:
                 read[node.args[0].number] = node.args[0]
         else:
-            found = frozenset().union(*(sums.get(a.number, frozenset()) for a in node.args))
-            if found:
-                sums[node.number] = found
+            inner_sums = frozenset().union(*(sums.get(a.number, frozenset()) for a in node.args))
+            if inner_sums:
+                sums[node.number] = inner_sums
     if not read:
         return None
     first = min(read)
     together = [n for n in read if sums[n] & sums[first]]
     among = frozenset().union(*(sums[n] for n in together))
-    return known[min(among) if len(among) <= len(together) else first]
+    return node_of[min(among) if len(among) <= len(together) else first]

@@ -88,18 +88,18 @@ def _gathered(
 ) -> tuple[list[Block], list[tuple[Term, Symbol]]]:
     """Outputs and terms with each sum of collects that nothing else reads as one: the force on a node is added up in
     one array and not in one for each end of a spring, all of which would be read again."""
-    wanted, known = _wanted(outputs, terms), Substitution({})
-    known.new |= {x.number: x for blocks in inputs.values() for b in blocks for x in b.symbols if x is not None}
-    nodes = topological(wanted, set(known.new))
+    wanted, replaced = _wanted(outputs, terms), Substitution({})
+    replaced.new |= {x.number: x for blocks in inputs.values() for b in blocks for x in b.symbols if x is not None}
+    nodes = topological(wanted, set(replaced.new))
     readers = Counter(x.number for x in [*wanted, *(a for node in nodes for a in node.args)])
     summed: dict[int, list[tuple[Symbol, Path]]] = {}
     for node in nodes:
-        if node.number not in known.new and node.op == "collect":
+        if node.number not in replaced.new and node.op == "collect":
             summed[node.number] = list(zip(node.args, node.value, strict=True))
         elif node.op == "add" and all(a.number in summed and readers[a.number] == 1 for a in node.args):
             summed[node.number] = [term for a in node.args for term in summed[a.number]]
-            known.new[node.number] = collect([(known(x), path) for x, path in summed[node.number]])
-    new = iter(known.all(wanted))
+            replaced.new[node.number] = collect([(replaced(x), path) for x, path in summed[node.number]])
+    new = iter(replaced.all(wanted))
     return (
         [Block(b.space, tuple(x if x is None else next(new) for x in b.symbols)) for b in outputs],
         [(term, next(new)) for term, _ in terms],
@@ -144,8 +144,8 @@ class _Writer:
         readers: dict[int, list[Symbol]] = {}
         for node in reversed(self.nodes):  # what only later loops over its space read is made there, and not kept
             here = readers.get(node.number, [])
-            made = node.space and here and node.number not in self.given and node.op not in ("total", *WHOLE)
-            if made and all(x.space == node.space and x.op not in LINEAR for x in here):
+            computed = node.space and here and node.number not in self.given and node.op not in ("total", *WHOLE)
+            if computed and all(x.space == node.space and x.op not in LINEAR for x in here):
                 level[node.number] = min(level[x.number] for x in here)
             for a in node.args:
                 readers.setdefault(a.number, []).append(node)
@@ -174,8 +174,8 @@ class _Writer:
     def written(self) -> ArrayKernel:
         self._store()
         first: list[str] = []
-        made = [x for x in self.nodes if x.number not in self.given]
-        for node in made:
+        computed = [x for x in self.nodes if x.number not in self.given]
+        for node in computed:
             if node.op == "collect":
                 first += self._zero(node.space, self.stored[node.number])
             elif node.op == "total":
@@ -186,12 +186,12 @@ class _Writer:
             first += self._zero(ENTRIES, Place("out", self.terms_at))
         stages = {stage for stage in self.stage.values() if stage[1] != NUMBER}
         stages |= {self.stage_of(x, term.over) for term, x in self.terms}
-        stages |= {self.stage_of(x, p[0].source) for node in made if node.op == "collect"
+        stages |= {self.stage_of(x, p[0].source) for node in computed if node.op == "collect"
                    for x, p in zip(node.args, node.value, strict=True)}  # fmt: skip
         body = []
         for depth in range(1 + max(self.level.values(), default=0)):
             body += self._numbers(depth)
-            for node in made:
+            for node in computed:
                 if node.op == "join" and self.level[node.number] == depth:
                     body += self._joined(node)
             for space in sorted(s for d, s in stages if d == depth):

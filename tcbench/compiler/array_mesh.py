@@ -44,9 +44,9 @@ class Mesh:
 
     def with_entries(self, count: int) -> Mesh:
         """The same beside a Jacobian of so many entries."""
-        found = copy(self)
-        found.sizes = {**self.sizes, ENTRIES: count}
-        return found
+        mesh = copy(self)
+        mesh.sizes = {**self.sizes, ENTRIES: count}
+        return mesh
 
     def size(self, space: str) -> int:
         if space == NUMBER:
@@ -62,20 +62,20 @@ class Mesh:
         source = path[0].source if path else over
         if path and isinstance(path[0].name, tuple):
             self.pairs(*path[0].name[1:3], source)
-        found = np.arange(self.size(source))
+        members = np.arange(self.size(source))
         for m in path:
             if m.name == "all":
-                there = np.zeros(len(found), np.int64)
+                targets = np.zeros(len(members), np.int64)
             elif m.name in ("into", "out of"):
                 before = sum(map(self.size, (m.target if m.name == "into" else m.source).split("+")[: m.column]))
-                there = found + before if m.name == "into" else found - before
-                there[(there < 0) | (there >= self.size(m.target))] = -1
+                targets = members + before if m.name == "into" else members - before
+                targets[(targets < 0) | (targets >= self.size(m.target))] = -1
             elif isinstance(m.name, tuple):
-                there = self.pairs(*m.name[1:3], m.source)[m.name[3]][found]
+                targets = self.pairs(*m.name[1:3], m.source)[m.name[3]][members]
             else:
-                there = self.tables[m.name][found, m.column]
-            found = np.where(found < 0, -1, there)
-        return found
+                targets = self.tables[m.name][members, m.column]
+            members = np.where(members < 0, -1, targets)
+        return members
 
     def _pairs(self, path: Path, rows: Path, name: str) -> tuple[Ints, Ints]:
         """Each entry at the beginning of one path with each at the beginning of the other that leads to the same."""
@@ -128,9 +128,9 @@ def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, An
         ways.setdefault((spaces[i], spaces[j]), {})[way] = None
         parts.setdefault((i, j), {})[way] = None
     keys: dict[tuple[str, str], Ints] = {}
-    found: dict[tuple[str, str], dict[Any, Shorts]] = {}
+    met_ranks: dict[tuple[str, str], dict[Any, Shorts]] = {}
     for (row, column), listed in ways.items():
-        keys[row, column], found[row, column] = _met(mesh, mesh.size(row), mesh.size(column), list(listed))
+        keys[row, column], met_ranks[row, column] = _met(mesh, mesh.size(row), mesh.size(column), list(listed))
     rows, columns, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
     ranks: dict[Any, tuple[Ints, Shorts]] = {}
     at: dict[tuple[int, int], tuple[int, Shorts]] = {}
@@ -140,7 +140,7 @@ def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, An
         if chosen not in ranks:
             seen = np.zeros(len(keys[two]) + 1, bool)
             for way in listed:
-                seen[found[two][way]] = True
+                seen[met_ranks[two][way]] = True
             seen[-1] = False
             ranks[chosen] = keys[two][seen[:-1]], np.where(seen, np.cumsum(seen) - 1, -1).astype(np.int32)
         key, rank = ranks[chosen]
@@ -153,7 +153,7 @@ def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, An
     for i, term in terms:
         j = which[term.unknown.number]
         before, rank = at[i, j]
-        mine = rank[found[spaces[i], spaces[j]][term.over, term.rows, term.columns]]
+        mine = rank[met_ranks[spaces[i], spaces[j]][term.over, term.rows, term.columns]]
         own.append(np.where(mine >= 0, mine + np.int32(before), np.int32(-1)))
     return Scattered(np.concatenate(rows), np.concatenate(columns), own)
 
@@ -167,8 +167,8 @@ def _met(
     for over, row, column in ways:
         r, c = mesh.along(row, over), mesh.along(column, over)
         keys.append(np.where((r >= 0) & (c >= 0), r * n_columns + c, -1))
-    known, inverse = np.unique(np.concatenate(keys), return_inverse=True)
-    fixed = len(known) > 0 and known[0] < 0
+    distinct, inverse = np.unique(np.concatenate(keys), return_inverse=True)
+    fixed = len(distinct) > 0 and distinct[0] < 0
     inverse = inverse.astype(np.int32) - fixed
     ends = np.cumsum([len(key) for key in keys])[:-1]
-    return known[int(fixed) :], dict(zip(ways, np.split(inverse, ends), strict=True))
+    return distinct[int(fixed) :], dict(zip(ways, np.split(inverse, ends), strict=True))

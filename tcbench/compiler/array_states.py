@@ -11,8 +11,8 @@ from .array_symbols import ArraySymbol, space_of
 from .array_symbols import Blocks as Blocks
 from .array_tensors import parts_of
 from .choices import boxed
-from .sentences import refused
 from .symbols import TAKE, array, lifted
+from .trace_errors import refused
 
 # both ways ----------------------------------------------------------------------------------------------------------
 
@@ -25,16 +25,16 @@ def is_array(*values: Any) -> bool:
 def each(function: Callable[..., Any], *arrays: Any, count: int = 1) -> Any:
     """function(x, y, ...) of each entry, an array as these are; count: so many, of a function of several values."""
     if not is_array(*arrays):
-        found = [function(*entry) for entry in zip(*arrays, strict=True)]
-        return array(found) if count == 1 else tuple(array(side) for side in zip(*found, strict=True))
+        values = [function(*entry) for entry in zip(*arrays, strict=True)]
+        return array(values) if count == 1 else tuple(array(side) for side in zip(*values, strict=True))
     if any(isinstance(x, Blocks) for x in arrays):
         (first, *others) = arrays
         sides = zip(first.blocks, *(x.blocks for x in others), strict=True)
         return Blocks([each(function, *side) if np.ndim(side[0]) else function(*side) for side in sides], first.names)
     parts = np.broadcast_arrays(*(boxed(parts_of(x)) for x in arrays))
-    found = np.frompyfunc(function, len(arrays), count)(*parts)
+    values = np.frompyfunc(function, len(arrays), count)(*parts)
     space = space_of(x for x in arrays if isinstance(x, ArraySymbol))
-    return ArraySymbol(space, found) if count == 1 else tuple(ArraySymbol(space, x) for x in found)
+    return ArraySymbol(space, values) if count == 1 else tuple(ArraySymbol(space, x) for x in values)
 
 
 def side_by_side(nodes: Sequence[Any]) -> Any:
@@ -46,24 +46,24 @@ def side_by_side(nodes: Sequence[Any]) -> Any:
 
 def entries(*arrays: Any) -> list[Any]:
     """All nodes of arrays (states, numbers), one after the other."""
-    found: list[Any] = []
+    numbers: list[Any] = []
     for x in arrays:
         if isinstance(x, Blocks):
-            found += entries(*x.blocks)
+            numbers += entries(*x.blocks)
         else:
-            found += list(np.ravel(x.parts if isinstance(x, ArraySymbol) else np.asarray(x, dtype=object)))
-    return found
+            numbers += list(np.ravel(x.parts if isinstance(x, ArraySymbol) else np.asarray(x, dtype=object)))
+    return numbers
 
 
 def refilled(like: Any, values: Sequence[Any]) -> Any:
     """Arrays (a state, a number) with these nodes in the place of their own."""
     if isinstance(like, Blocks):
-        found, at = [], 0
+        blocks, at = [], 0
         for block in like.blocks:
             end = at + len(entries(block))
-            found.append(refilled(block, values[at:end]))
+            blocks.append(refilled(block, values[at:end]))
             at = end
-        return Blocks(found, like.names)
+        return Blocks(blocks, like.names)
     if isinstance(like, ArraySymbol):
         return ArraySymbol(like.space, array(values).reshape(like.parts.shape))
     shape = np.shape(like)

@@ -17,9 +17,9 @@ from .arrays import Map, Path, collect, count, join, part, take, total
 from .choices import KINKED, boxed
 from .derivatives import maximum, minimum
 from .kinks import kinked
-from .sentences import refused
 from .symbols import TAKE, array, const, lifted
 from .tables import alone_or_all
+from .trace_errors import refused
 
 SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
 
@@ -157,8 +157,8 @@ class Rows(tuple[Any, ...]):
     __add__ = __radd__ = __mul__ = __rmul__ = _no_arithmetic
 
     def __getitem__(self, key: Any) -> Any:
-        found = super().__getitem__(key)
-        return Rows(found) if isinstance(key, slice) else found
+        rows = super().__getitem__(key)
+        return Rows(rows) if isinstance(key, slice) else rows
 
 
 def _inner_axis(axis: Any, ndim: int) -> int:
@@ -200,10 +200,10 @@ def _concatenate(arrays: Sequence[Any], axis: int = 0) -> Any:
     inner = _inner_axis(axis, np.ndim(arrays[0]))
     if inner >= 0:
         return ArraySymbol(space_of(arrays), np.concatenate([x.parts for x in arrays], axis=inner))
-    found: list[Any] = []
+    blocks: list[Any] = []
     for x in arrays:
-        found += x.blocks if isinstance(x, Blocks) else [array(x) if isinstance(x, list | tuple) else x]
-    return Blocks(found)
+        blocks += x.blocks if isinstance(x, Blocks) else [array(x) if isinstance(x, list | tuple) else x]
+    return Blocks(blocks)
 
 
 def _cross(a: Any, b: Any) -> Any:
@@ -222,12 +222,12 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
 
 
 def call_function(function: Any, args: Any, kwargs: Any) -> Any:
-    known = _FUNCTIONS.get(function)
-    if known is None:
+    implementation = _FUNCTIONS.get(function)
+    if implementation is None:
         names = sorted({f.__name__ for f in _FUNCTIONS})
         raise refused(f"np.{function.__name__} is not known for arrays over a space", f"Known are {', '.join(names)}")
     try:
-        return known(*args, **kwargs)
+        return implementation(*args, **kwargs)
     except (TypeError, ValueError, np.exceptions.AxisError) as error:
         raise refused(f"np.{function.__name__} is not called so for an array over a space ({error})", SAME) from error
 
@@ -271,10 +271,10 @@ class TableSymbol:
         """x[table]"""
         if x.space != self.target:
             raise refused(f"the table {self.name!r} names {self.target}s, and the array is over {x.space}s")
-        found = np.empty((*self.columns.shape, *x.parts.shape), dtype=object)
+        taken = np.empty((*self.columns.shape, *x.parts.shape), dtype=object)
         for i, path in self._paths():
-            found[i] = np.frompyfunc(lambda y, p=path: take(lifted(y), p), 1, 1)(x.parts)
-        return ArraySymbol(self.source, found)
+            taken[i] = np.frompyfunc(lambda y, p=path: take(lifted(y), p), 1, 1)(x.parts)
+        return ArraySymbol(self.source, taken)
 
     def sums(self, x: Any) -> Any:
         """For each of the target the sum of what x has where the table names it: the transpose of x[table].
@@ -293,11 +293,11 @@ class TableSymbol:
                 f"not {parts.shape}",
                 f"np.stack([a, b], axis=1) makes them; self.{self.name}[:, k].sums(x) is one column's",
             )
-        found = np.empty(inner, dtype=object)
+        sums_of_parts = np.empty(inner, dtype=object)
         for k in np.ndindex(*inner):
-            found[k] = collect([(lifted(parts[(*i, *k)]), path) for i, path in self._paths()])
+            sums_of_parts[k] = collect([(lifted(parts[(*i, *k)]), path) for i, path in self._paths()])
         spaces, own = self.target.split("+"), np.frompyfunc(lambda y, k: part(y, k, self.target), 2, 1)
-        return alone_or_all([ArraySymbol(spaces[k], own(found, k)) for k in self.summed])
+        return alone_or_all([ArraySymbol(spaces[k], own(sums_of_parts, k)) for k in self.summed])
 
 
 class Blocks(NDArrayOperatorsMixin):
@@ -318,8 +318,8 @@ class Blocks(NDArrayOperatorsMixin):
         try:
             return self.__dict__["blocks"][self.__dict__["names"][name]]
         except KeyError:
-            known = ", ".join(self.__dict__.get("names", {})) or "none"
-            raise AttributeError(f"a state has no variable {name!r}; its variables: {known}") from None
+            names = ", ".join(self.__dict__.get("names", {})) or "none"
+            raise AttributeError(f"a state has no variable {name!r}; its variables: {names}") from None
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         if method != "__call__" or options:
@@ -366,7 +366,7 @@ def joined(arrays: Sequence[Any]) -> ArraySymbol:
     if not all(isinstance(x, ArraySymbol) for x in arrays) or len({x.parts.shape for x in arrays}) > 1:
         raise refused("arrays over spaces are joined with others of as many components each")
     space = "+".join(x.space for x in arrays)
-    found = np.empty(arrays[0].parts.shape, dtype=object)
-    for k in np.ndindex(*found.shape):
-        found[k] = join([lifted(x.parts[k]) for x in arrays], space)
-    return ArraySymbol(space, found)
+    whole = np.empty(arrays[0].parts.shape, dtype=object)
+    for k in np.ndindex(*whole.shape):
+        whole[k] = join([lifted(x.parts[k]) for x in arrays], space)
+    return ArraySymbol(space, whole)

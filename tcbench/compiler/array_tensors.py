@@ -14,8 +14,8 @@ import numpy as np
 
 from .choices import KINKED
 from .kinks import clip, kinked, where
-from .sentences import refused
 from .symbols import TAKE
+from .trace_errors import refused
 
 STAND_IN = 101  # entries of what stands for an array over a space where components are moved
 LARGEST = 3  # rows of a matrix that has a determinant and an inverse, by cofactors
@@ -44,14 +44,14 @@ def rearranged(function: Callable[..., Any], x: Any, *args: Any, **options: Any)
     size = x.parts.size
     stand_in = np.arange(STAND_IN * size).reshape(STAND_IN, *x.parts.shape)
     try:
-        found = np.asarray(function(stand_in, *args, **options))
+        moved = np.asarray(function(stand_in, *args, **options))
     except Exception as error:
         raise refused(f"components {x.parts.shape} of each {x.space} are not moved so ({error})", KEPT) from error
-    first = found[:1]
-    entry = size * np.arange(len(found) if found.ndim else 0).reshape(-1, *[1] * (found.ndim - 1))
-    if found.shape[:1] != (STAND_IN,) or np.any(found != first + entry):
+    first = moved[:1]
+    entry = size * np.arange(len(moved) if moved.ndim else 0).reshape(-1, *[1] * (moved.ndim - 1))
+    if moved.shape[:1] != (STAND_IN,) or np.any(moved != first + entry):
         raise refused(f"np.{function.__name__} would move the axis of {x.space}s", KEPT)
-    return _as(x, x.parts.ravel()[found[0]])
+    return _as(x, x.parts.ravel()[moved[0]])
 
 
 def _moving(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -80,9 +80,9 @@ def contracted(terms: Sequence[str], out: str, operands: Sequence[Any]) -> Any:
             f"this product takes the {first.space}s together with components",
             f'The {first.space}s have a letter of their own, first everywhere: np.einsum("eij,ej->ei", A, x)',
         )
-    found = np.einsum(",".join(inner) + "->" + out.replace(letter, ""), *map(parts_of, operands))
-    found = _as(first, found)
-    return found if letter in out else found.sum(axis=0)
+    product = np.einsum(",".join(inner) + "->" + out.replace(letter, ""), *map(parts_of, operands))
+    product = _as(first, product)
+    return product if letter in out else product.sum(axis=0)
 
 
 def _letters(terms: list[str], out: str | None, dims: Sequence[int]) -> tuple[list[str], str]:
@@ -223,17 +223,17 @@ class SymbolArray(np.ndarray):
     """Symbols one by one, in a small system, with the same functions: numpy's own know numbers only."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        given = [_plain(x) for x in inputs]
+        operands = [_plain(x) for x in inputs]
         into = options.get("out")
         if into is not None:
             options["out"] = tuple(map(_plain, into))
         if ufunc in KINKED and method == "__call__" and not options:
-            found = kinked(ufunc)(*given)
+            result = kinked(ufunc)(*operands)
         elif ufunc in (np.maximum, np.minimum) and method == "reduce":
-            found = _most(ufunc, given[0], options.get("axis", 0))
+            result = _most(ufunc, operands[0], options.get("axis", 0))
         else:
-            found = getattr(ufunc, method)(*given, **options)
-        return into[0] if into is not None else symbols(found)
+            result = getattr(ufunc, method)(*operands, **options)
+        return into[0] if into is not None else symbols(result)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         own, types = MATRICES.get(function), [t for t in types if issubclass(t, np.ndarray)]

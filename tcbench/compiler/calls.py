@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .caches import LOCK
 from .machine import addresses
-from .once import LOCK
 from .records import HEAD, address_of
 
 CONTIGUOUS, ALIGNED, WRITEABLE = 0x1, 0x100, 0x400  # flags of numpy's arrays

@@ -124,8 +124,8 @@ def _of_function(op: str, x: Edge) -> Symbol:
     """Of an elementary function of one argument, by the rules of `divided_differences`."""
     along, _ = rectangle(x.value, x.step, ZERO, ZERO)
     row = ops.OPERATIONS.get(op)
-    found: Corners = getattr(along, row.numpy if row else op)()
-    return found.pi_at_s0
+    corners: Corners = getattr(along, row.numpy if row else op)()
+    return corners.pi_at_s0
 
 
 def _backwards(

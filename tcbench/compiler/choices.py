@@ -30,10 +30,10 @@ class Choosing:
         """As numpy does with objects, but for choices; arrays of other kinds do it themselves."""
         if any(getattr(type(x), "__array_ufunc__", None) not in _AS_NUMPY for x in inputs):
             return NotImplemented
-        given = [boxed(x) if isinstance(x, Choosing) else x for x in inputs]
+        operands = [boxed(x) if isinstance(x, Choosing) else x for x in inputs]
         if ufunc in KINKED and method == "__call__" and not options:
-            return np.frompyfunc(KINKED[ufunc], ufunc.nin, 1)(*given)
-        return getattr(ufunc, method)(*given, **options)
+            return np.frompyfunc(KINKED[ufunc], ufunc.nin, 1)(*operands)
+        return getattr(ufunc, method)(*operands, **options)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if function not in CHOICES and not all(issubclass(t, Choosing | np.ndarray) for t in types):

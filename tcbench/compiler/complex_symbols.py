@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from . import ops
-from .sentences import refused
 from .symbols import Symbol, array, const, operators
+from .trace_errors import refused
 
 
 def _lifted(_: Complex, other: Any) -> Complex:

@@ -40,8 +40,8 @@ class Cut:
     def moved(self, z: Sequence[Symbol], dz: Sequence[Symbol]) -> list[Symbol]:
         """grad y(z) . dz of each y."""
         steps = [variable("step", x.space) for x in self.x]
-        found = trace.along(self.inner, dict(zip(self.x, steps, strict=True)))
-        return trace.substitute(found, dict(zip([*self.x, *steps], [*z, *dz], strict=True)))
+        rates = trace.along(self.inner, dict(zip(self.x, steps, strict=True)))
+        return trace.substitute(rates, dict(zip([*self.x, *steps], [*z, *dz], strict=True)))
 
     def outer_slopes(self, y: Sequence[Symbol]) -> list[Symbol]:
         """grad F at these y."""
@@ -55,8 +55,8 @@ class Cut:
         """sum_b slopes_b grad y_b(z): a gradient by z."""
         held = [variable("slope", y.space) for y in self.inner]
         work = [total("add", w * y, y.space) for w, y in zip(held, self.inner, strict=True)]
-        found = gradient(sum(work, trace.const(0.0)), self.x)
-        return trace.substitute(found, dict(zip([*self.x, *held], [*z, *slopes], strict=True)))
+        slopes_of_work = gradient(sum(work, trace.const(0.0)), self.x)
+        return trace.substitute(slopes_of_work, dict(zip([*self.x, *held], [*z, *slopes], strict=True)))
 
 
 def with_squares(f: Symbol) -> Symbol:
@@ -71,17 +71,17 @@ def with_squares(f: Symbol) -> Symbol:
     return trace.substitute([f], roots)[0] if roots else f
 
 
-def degrees(outputs: Sequence[Symbol], x: Sequence[Symbol], known: dict[int, float] | None = None) -> dict[int, float]:
+def degrees(outputs: Sequence[Symbol], x: Sequence[Symbol], given: dict[int, float] | None = None) -> dict[int, float]:
     """Of each node under the outputs, by number, its degree as a polynomial in x, or a bound of it; infinity of what is
     none. known: those of nodes seen before, to which these are added."""
-    found = {} if known is None else known
-    found |= {s.number: 1.0 for s in x}
-    for node in trace.topological_beyond(outputs, found):
-        of = [found[a.number] for a in node.args]
+    degree = {} if given is None else given
+    degree |= {s.number: 1.0 for s in x}
+    for node in trace.topological_beyond(outputs, degree):
+        of = [degree[a.number] for a in node.args]
         if node.op in ("add", "sub", "neg", "mark", *LINEAR):
-            found[node.number] = max(of)
+            degree[node.number] = max(of)
         elif node.op == "mul":
-            found[node.number] = sum(of)
+            degree[node.number] = sum(of)
         else:
-            found[node.number] = math.inf if any(of) else 0.0
-    return found
+            degree[node.number] = math.inf if any(of) else 0.0
+    return degree

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..errors import TraceError
 from . import arrays, ops
 from .ops import INFINITE, TINY
-from .sentences import refused
 from .symbols import (
     Symbol,
     add,
@@ -37,6 +36,7 @@ from .symbols import (
     variable,
     variables,
 )
+from .trace_errors import refused
 
 # operations that numpy lacks --------------------------------------------------------------------------------------
 
@@ -70,13 +70,13 @@ def mark(x: Symbol) -> Symbol:
 
 def partials(node: Symbol) -> tuple[Symbol, ...]:
     """Derivative of a node by each of its arguments."""
-    found = ops.partials(node.op, node, *node.args)
-    if not found:
+    slopes = ops.partials(node.op, node, *node.args)
+    if not slopes:
         raise refused(f"the operation {node.op!r} has no derivative here")
-    return tuple(map(lifted, found))
+    return tuple(map(lifted, slopes))
 
 
-def topological(outputs: Iterable[Symbol], given: Container[int] = ()) -> list[Symbol]:
+def topological(outputs: Iterable[Symbol], excluded: Container[int] = ()) -> list[Symbol]:
     """Every node that the outputs need, arguments before users; without what stands beneath given ones (by number)."""
     seen: dict[int, Symbol] = {}
     stack = list(outputs)
@@ -84,7 +84,7 @@ def topological(outputs: Iterable[Symbol], given: Container[int] = ()) -> list[S
         node = stack.pop()
         if node.number not in seen:
             seen[node.number] = node
-            if node.number not in given:
+            if node.number not in excluded:
                 stack.extend(node.args)
     return [seen[number] for number in sorted(seen)]
 
@@ -139,25 +139,25 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: 
     for node in nodes:
         if node.number in tangents or not any(tangents.get(a.number) for a in node.args):
             continue
-        found: Terms = {}
+        slopes: Terms = {}
         inner = [tangents.get(a.number, {}) for a in node.args]
         if node.op == "mark":
-            found = inner[0]
+            slopes = inner[0]
         elif node.op in arrays.LINEAR:
             for k, terms in enumerate(inner):
                 for term, slope in terms.items():
-                    _add(found, *_through(node, k, term, slope))
+                    _add(slopes, *_through(node, k, term, slope))
         else:
             for a, terms, partial in zip(node.args, inner, partials(node), strict=True):
                 for each in terms.items():
                     term, slope = _read_by(node.space, a, *each)
-                    _add(found, term, mul(arrays.take(partial, term.rows), slope))
-        wide = len(found) >= WIDE and readers[node.number] > 1 and bool(node.space) and node.op not in arrays.LINEAR
-        if wide or node.op == "mark" or (node.number in curved and len(found) > 1):
-            seeds[node.number], found = found, _identity(node)
-        tangents[node.number] = found
+                    _add(slopes, term, mul(arrays.take(partial, term.rows), slope))
+        wide = len(slopes) >= WIDE and readers[node.number] > 1 and bool(node.space) and node.op not in arrays.LINEAR
+        if wide or node.op == "mark" or (node.number in curved and len(slopes) > 1):
+            seeds[node.number], slopes = slopes, _identity(node)
+        tangents[node.number] = slopes
         if most < np.inf:
-            _look(found, most)
+            _look(slopes, most)
     rows = []
     for x in outputs:
         rows.append(_expanded(tangents.get(x.number, {}), seeds, most))
@@ -193,8 +193,8 @@ def _out_of(k: int, space: str) -> arrays.Map:
     return arrays.Map("out of", k, space, space.split("+")[k])
 
 
-def _add(found: Terms, term: Term, slope: Symbol) -> None:
-    found[term] = add(found[term], slope) if term in found else slope
+def _add(terms: Terms, term: Term, slope: Symbol) -> None:
+    terms[term] = add(terms[term], slope) if term in terms else slope
 
 
 def _through(node: Symbol, k: int, term: Term, slope: Symbol) -> tuple[Term, Symbol]:
@@ -265,11 +265,11 @@ def along(outputs: Sequence[Symbol], directions: Mapping[Symbol, Symbol]) -> lis
                 raise TraceError(arrays.NO_SLOPE)
             tangent[node.number] = arrays.rebuilt(node.op, parts, node.value)
         else:
-            found = zero
+            rate = zero
             for part, partial in zip(parts, partials(node), strict=True):
                 if not is_const(part, 0.0):
-                    found = add(found, mul(partial, part))
-            tangent[node.number] = found
+                    rate = add(rate, mul(partial, part))
+            tangent[node.number] = rate
     return [tangent.get(x.number, zero) for x in outputs]
 
 
@@ -280,9 +280,9 @@ def accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, S
         tangent[number] = add(tangent[number], term) if number in tangent else term
 
 
-def topological_beyond(outputs: Iterable[Symbol], known: Mapping[int, Any]) -> list[Symbol]:
+def topological_beyond(outputs: Iterable[Symbol], excluded: Mapping[int, Any]) -> list[Symbol]:
     """The same without the known ones themselves."""
-    return [node for node in topological(outputs, known) if node.number not in known]
+    return [node for node in topological(outputs, excluded) if node.number not in excluded]
 
 
 class Substitution:

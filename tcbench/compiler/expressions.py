@@ -46,12 +46,12 @@ class Expressions(Arithmetic):
     def _name(self, node: ast.Name) -> Value:
         name = node.id
         if name not in self.assigned:
-            found = self.outside(node)
-            if found is self.module.numbers and found is not None:
+            value = self.outside(node)
+            if value is self.module.numbers and value is not None:
                 at = self.emit(f"load ptr, ptr {self.module.table()}, !invariant.load !0")
                 return Value(Array(1, SHORT_INT, sized=False, fixed=True), (at,))
-            return self.literal(node, found)
-        if name not in self.known:
+            return self.literal(node, value)
+        if name not in self.definite:
             raise self.refusal(node, f"{name!r} is not set on every way that leads here")
         if name in self.values:
             return self.values[name]
@@ -253,11 +253,11 @@ class Expressions(Arithmetic):
         if not isinstance(function, FunctionType):
             raise self.refusal(node, f"{ast.unparse(node.func)!r} is not translated")
         callee = self.module.function(function)
-        given = dict(zip(callee.arguments, node.args, strict=False)) | {k.arg: k.value for k in node.keywords}
-        if set(given) != set(callee.arguments) or len(node.args) + len(node.keywords) != len(callee.arguments):
+        arguments = dict(zip(callee.arguments, node.args, strict=False)) | {k.arg: k.value for k in node.keywords}
+        if set(arguments) != set(callee.arguments) or len(node.args) + len(node.keywords) != len(callee.arguments):
             raise self.refusal(node, f"{callee.title} takes {', '.join(callee.arguments) or 'nothing'}")
         passed: dict[str, list[str]] = {}
-        for name, argument in given.items():  # in the order in which Python evaluates them
+        for name, argument in arguments.items():  # in the order in which Python evaluates them
             value, kind = self.value(argument), callee.arguments[name]
             if isinstance(kind, str):
                 passed[name] = [self.convert(argument, value, kind)]

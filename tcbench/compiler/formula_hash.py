@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-_Look = tuple[Callable[[Any], tuple[Any, ...]], Any, tuple[Any, ...]]  # how to look at an object, it, what it showed
+_Snapshot = tuple[Callable[[Any], tuple[Any, ...]], Any, tuple[Any, ...]]  # (view, object, what the view gave)
 
 MOST_BYTES = 4096  # of an array that is compared rather than hashed again
 MOST_KEPT = 1000  # hashes
@@ -57,7 +57,7 @@ FIXED = (  # kinds that cannot be changed, but for what they are made of
 )  # fmt: skip
 PLAIN = (type(None), bool, int, float, complex, str, bytes, types.EllipsisType, types.NotImplementedType)
 _MISSING = object()
-_KEPT: dict[tuple[int, ...], tuple[tuple[Any, ...], list[_Look], str]] = {}  # they live: an id is of one object only
+_KEPT: dict[tuple[int, ...], tuple[tuple[Any, ...], list[_Snapshot], str]] = {}  # kept alive: ids are unique
 
 
 class HashlessError(Exception):
@@ -68,23 +68,23 @@ def formula_hash(*objects: Any) -> str | None:
     """Sha256, hexadecimal, of what these objects are and compute; None where they may read more than that."""
     key = tuple(map(id, objects))
     kept = _KEPT.get(key)
-    if kept is not None and all(_as_before(*look) for look in kept[1]):
+    if kept is not None and all(_as_before(*snapshot) for snapshot in kept[1]):
         return kept[2]
     seen = _Seen()
     try:
         seen.add(*objects)
     except Exception:  # of a user's __reduce__, too; RecursionError is one as well
         return None
-    found = seen.hash.hexdigest()
-    if seen.looks is not None:
+    digest = seen.hash.hexdigest()
+    if seen.snapshots is not None:
         if len(_KEPT) >= MOST_KEPT:
             _KEPT.clear()
-        _KEPT[key] = objects, seen.looks, found
-    return found
+        _KEPT[key] = objects, seen.snapshots, digest
+    return digest
 
 
-def _as_before(look: Callable[[Any], tuple[Any, ...]], item: Any, before: tuple[Any, ...]) -> bool:
-    now = look(item)
+def _as_before(view: Callable[[Any], tuple[Any, ...]], item: Any, before: tuple[Any, ...]) -> bool:
+    now = view(item)
     return len(now) == len(before) and all(map(is_, now, before))
 
 
@@ -166,19 +166,19 @@ def _package(module: str, file: str | None) -> str | None:
 
 def _package_of(item: type) -> str | None:
     """The same of a class; those that no class statement made are Python's or some library's."""
-    found = _package(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
-    return found or (None if item.__flags__ & HEAP_TYPE else "builtins")
+    package = _package(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
+    return package or (None if item.__flags__ & HEAP_TYPE else "builtins")
 
 
 class _Seen:
-    """What is seen from some objects: its hash, and what to look at again, None where that cannot be told.
+    """The hash of what some objects are made of, and snapshots by which a change shows; None where none would.
 
     Objects that occur twice, or contain themselves, are told by the number of the first time.
     """
 
     def __init__(self) -> None:
         self.hash = hashlib.sha256()
-        self.looks: list[_Look] | None = []
+        self.snapshots: list[_Snapshot] | None = []
         self.numbers: dict[int, int] = {}
         self.modules: set[tuple[int, frozenset[str]]] = set()  # those in others, with what is read of them
         self.alive: list[Any] = []  # an id is of one object only as long as that lives
@@ -186,9 +186,9 @@ class _Seen:
     def note(self, *words: Any) -> None:
         self.hash.update(repr(words).encode("utf-8", "surrogatepass"))  # no two tuples of words have one text
 
-    def look(self, look: Callable[[Any], tuple[Any, ...]], item: Any) -> None:
-        if self.looks is not None:
-            self.looks.append((look, item, look(item)))
+    def snapshot(self, view: Callable[[Any], tuple[Any, ...]], item: Any) -> None:
+        if self.snapshots is not None:
+            self.snapshots.append((view, item, view(item)))
 
     def add(self, *items: Any) -> None:
         self.note(len(items))
@@ -213,7 +213,7 @@ class _Seen:
         elif isinstance(item, types.ModuleType):
             self._module(item, frozenset())
         elif kind is types.CellType:
-            self.look(_of_cell, item)
+            self.snapshot(_of_cell, item)
             self.add(*_of_cell(item))
         elif isinstance(item, types.MethodType):
             self.add(item.__func__, item.__self__)
@@ -226,20 +226,20 @@ class _Seen:
         elif kind is np.ndarray or (isinstance(item, np.generic) and _package_of(kind)):
             self._array(item)
         elif kind is dict or kind is types.MappingProxyType:
-            self.look(_of_mapping, item)
+            self.snapshot(_of_mapping, item)
             self.add(*_of_mapping(item))
         elif kind is tuple:
             self.add(*item)
         elif kind is list:
-            self.look(tuple, item)
+            self.snapshot(tuple, item)
             self.add(*item)
         else:
             self._instance(item, kind)
 
     def _function(self, function: types.FunctionType) -> None:
-        known = function.__globals__
-        package = _package(str(known.get("__name__", "")), known.get("__file__"))
-        self.look(_of_function, function)
+        namespace = function.__globals__
+        package = _package(str(namespace.get("__name__", "")), namespace.get("__file__"))
+        self.snapshot(_of_function, function)
         self.note(package and f"{function.__module__}.{function.__qualname__}", code_digest(function.__code__))
         own = [x for pair in sorted(vars(function).items()) if pair[0] not in NOT_CONTENT for x in pair]
         self.add(function.__defaults__, function.__kwdefaults__, *(function.__closure__ or ()), *own)
@@ -250,14 +250,14 @@ class _Seen:
         names, attributes, imports = _names(function.__code__)
         if READERS & {*attributes, *names} or not all(name.partition(".")[0] in PURE for name in imports):
             raise HashlessError("something that reads, or is imported when it runs")
-        self.look(_of_names, (known, names))
+        self.snapshot(_of_names, (namespace, names))
         attributes |= {"*"} if READS_BY_NAME & set(names) else set()
         for name in names:
             self.note(name)
-            if isinstance(known.get(name), types.ModuleType):
-                self._module(known[name], attributes)
-            elif name in known:
-                self.add(known[name])
+            if isinstance(namespace.get(name), types.ModuleType):
+                self._module(namespace[name], attributes)
+            elif name in namespace:
+                self.add(namespace[name])
 
     def _module(self, module: types.ModuleType, attributes: Collection[str]) -> None:
         """A module as code that reads these attributes sees it; "*", or none: any."""
@@ -265,13 +265,13 @@ class _Seen:
         self.note(module.__name__)
         names = tuple(sorted(name for name in attributes if name in content))
         if package is not None:  # what somebody has put in the place of a function counts
-            self.look(_of_names, (content, names))
+            self.snapshot(_of_names, (content, names))
             placed = [x for x in _of_names((content, names)) if isinstance(x, types.FunctionType | np.ufunc)]
             self.add(*placed)
             return
         if "*" in attributes or not attributes:
-            names, self.looks = tuple(sorted(name for name in content if not name.startswith("__"))), None
-        self.look(_of_names, (content, tuple(attributes)))
+            names, self.snapshots = tuple(sorted(name for name in content if not name.startswith("__"))), None
+        self.snapshot(_of_names, (content, tuple(attributes)))
         for name in names:
             self.note(name)
             if not isinstance(content[name], types.ModuleType):
@@ -284,7 +284,7 @@ class _Seen:
         package = _package_of(item)
         self.note(package and f"{item.__module__}.{item.__qualname__}", item.__name__)
         if package is None:
-            self.look(_of_class, item)
+            self.snapshot(_of_class, item)
             slots = types.GetSetDescriptorType | types.MemberDescriptorType
             own = [x for x in sorted(vars(item).items()) if x[0] not in NOT_CONTENT and not isinstance(x[1], slots)]
             self.add(*item.__bases__, type(item), *itertools.chain(*own))
@@ -292,9 +292,9 @@ class _Seen:
     def _array(self, item: Any) -> None:
         self.note(item.dtype.str, item.shape)
         if item.dtype.hasobject or item.nbytes > MOST_BYTES:
-            self.looks = None
+            self.snapshots = None
         else:
-            self.look(_of_array, (item, (item.dtype, item.shape, item.tobytes())))
+            self.snapshot(_of_array, (item, (item.dtype, item.shape, item.tobytes())))
         if item.dtype.hasobject:
             self.add(*item.ravel().tolist())
         else:
@@ -302,7 +302,7 @@ class _Seen:
 
     def _instance(self, item: Any, kind: type) -> None:
         if not isinstance(item, FIXED):
-            self.looks = None
+            self.snapshots = None
         if isinstance(item, np.generic) or (isinstance(item, np.ufunc) and "vectorized" in item.__name__):
             raise HashlessError("a user's number, or a ufunc of a Python function")
         if kind in (set, frozenset):
@@ -322,6 +322,6 @@ class _Seen:
         elif kind.__module__ == "itertools":  # from Python 3.14 on they do not say where they are
             raise HashlessError(f"itertools.{kind.__name__}")
         else:  # what pickle would keep: how it is made, and its state
-            made = item.__reduce_ex__(2)
-            parts = [made] if isinstance(made, str) else [list(p) if hasattr(p, "__next__") else p for p in made]
+            data = item.__reduce_ex__(2)
+            parts = [data] if isinstance(data, str) else [list(p) if hasattr(p, "__next__") else p for p in data]
             self.add(kind, *parts)

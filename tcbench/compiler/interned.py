@@ -1,4 +1,4 @@
-"""Expressions that exist: equal ones are one object, in a trace of its own or among all that are alive."""
+"""Hash-consing: equal expressions are one object, within a trace or among all that are alive."""
 
 from __future__ import annotations
 
@@ -8,39 +8,40 @@ from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from typing import Any
 
-from .once import LOCK, uncollected
+from .caches import LOCK, uncollected
 
 Key = tuple[str, tuple[int, ...], Any]  # of an expression: operation, numbers of its arguments, value
 
 
 class _Expressions(threading.local):
-    """Those that exist, by what they are made of: of the trace under way, or all that are alive; each thread's own."""
+    """Table of expressions by their keys, one for each thread: of the trace under way, or of all that are alive."""
 
     def __init__(self) -> None:
         self.table: MutableMapping[Key, Any] = weakref.WeakValueDictionary()
 
 
-KNOWN = _Expressions()
+INTERNED = _Expressions()
 
 
 @contextmanager
-def tracing(known: Mapping[Key, Any] | None = None) -> Iterator[Mapping[Key, Any]]:
-    """A trace of its own, which finds no expressions of others: its graph, and so the last digits of what it computes,
-    do not depend on what was traced before. Gives its table of expressions; known: that of a trace to go on from.
+def tracing(symbols: Mapping[Key, Any] | None = None) -> Iterator[Mapping[Key, Any]]:
+    """A trace with a table of its own: its graph, and so the last digits of its results, do not depend on earlier ones.
+
+    symbols : the table of a trace to go on from. Yields the table.
     """
     with LOCK, uncollected():
-        before, KNOWN.table = KNOWN.table, dict(known or {})
+        before, INTERNED.table = INTERNED.table, dict(symbols or {})
         try:
-            yield KNOWN.table
+            yield INTERNED.table
         finally:
-            KNOWN.table = before
+            INTERNED.table = before
 
 
 def in_trace() -> bool:
     """Is a trace under way?"""
-    return isinstance(KNOWN.table, dict)
+    return isinstance(INTERNED.table, dict)
 
 
 def expressions() -> Mapping[Key, Any]:
-    """Those of the trace that is going on."""
-    return KNOWN.table
+    """The table of the trace under way."""
+    return INTERNED.table

@@ -21,15 +21,15 @@ def solved(f: Symbol, x: Symbol, y: Symbol) -> Symbol:
             raise refused("an energy cannot be solved for its entropy, which it does not hold just once", WHY)
         (inner,) = held
         others = [a for a in f.args if a is not inner]
-        y, f = _undone(f, inner, others, y), inner
+        y, f = _inverted(f, inner, others, y), inner
     return y
 
 
-def _undone(node: Symbol, inner: Symbol, others: list[Symbol], y: Symbol) -> Symbol:
+def _inverted(node: Symbol, inner: Symbol, others: list[Symbol], y: Symbol) -> Symbol:
     """The value of `inner` for which that of `node` is y."""
     if inverse := ops.OPERATIONS[node.op].inverse:
-        found: Symbol = inverse(y)
-        return found
+        inverted: Symbol = inverse(y)
+        return inverted
     if others and node.op in ("add", "sub", "mul", "pow"):
         (other,) = others
         first = node.args[0] is inner

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .caches import LOCK, cached_property
 from .derivatives import Symbol, depends_on, topological
 from .language import PLAIN, made_up_address, pick, put, release, row, scratch, vector
-from .once import LOCK, cached_property
 from .ops import OPERATIONS, values
 
 WIDTH = 8  # doubles in a vector

@@ -15,8 +15,8 @@ import numpy as np
 from .choices import CHOICES
 from .choices import KINKED as KINKED
 from .ops import TINY
-from .sentences import refused
 from .symbols import Symbol, add, const, is_const, make, mul, neg, reciprocal
+from .trace_errors import refused
 
 
 def _symbol(x: Any) -> Any:

@@ -148,9 +148,9 @@ def of_c(name: str) -> Callable[..., float]:
             return np.float64(exact(*x))
         except (ValueError, OverflowError):
             with np.errstate(all="ignore"):
-                found: float = limit(*map(np.float64, x))
+                value: float = limit(*map(np.float64, x))
                 np.positive(0.0)  # clears the processor's flags, of which numpy would warn its caller
-                return found
+                return value
 
     function.__name__ = name
     return function

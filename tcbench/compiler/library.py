@@ -23,10 +23,10 @@ import numpy as np
 
 from ..errors import TcbenchError
 from . import language
+from .caches import LOCK
 from .calls import NATIVE, native, run_kernel
 from .language import Address, Floats, Matrix, call
 from .machine import LIBRARY, addresses
-from .once import LOCK
 from .records import address_of
 from .values import BOOL, FLOAT, INT, NOTHING, NUMPY, Array, Several, kind_of
 
@@ -66,8 +66,8 @@ class Library:
             self.__dict__ |= {f.__name__: _quiet(f) for f in self.functions}
         else:
             with LOCK:  # the second of two threads reads what the first compiled
-                found = _linked(self._translated(), list(self.entries()))
-            self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, found, strict=True)}
+                starts = _linked(self._translated(), list(self.entries()))
+            self.__dict__ |= {f.__name__: _entry(f, address) for f, address in zip(self.functions, starts, strict=True)}
         return self.__dict__[name]
 
     def bound(self, name: str, record: Any) -> Callable[[], Any]:
@@ -109,10 +109,10 @@ def _linked(module: Module, entries: list[str]) -> list[int]:
 
     late, n = list(module.late), len(entries)
     places = [f"{what}{k}" for k in range(len(late)) for what in (LATE, MAKER)]
-    found = addresses([*entries, *places], module.text, kind=LIBRARY)
-    for function, place, maker in zip(late, found[n::2], found[n + 1 :: 2], strict=True):
+    places_and_makers = addresses([*entries, *places], module.text, kind=LIBRARY)
+    for function, place, maker in zip(late, places_and_makers[n::2], places_and_makers[n + 1 :: 2], strict=True):
         _later(partial(_compiled, function), place, maker)
-    return found[:n]
+    return places_and_makers[:n]
 
 
 def _later(make: Callable[[], int], place: int, maker: int) -> None:
@@ -136,16 +136,16 @@ def _compiled(function: FunctionType) -> int:
 
 def _make_late(make: Callable[[], int], place: int) -> None:
     """Compile what is late and put its address there. Compiled code waits for it: no exception leads out of here."""
-    made, interrupted, begin = 0, False, time.perf_counter()
-    while not made:
+    address, interrupted, begin = 0, False, time.perf_counter()
+    while not address:
         try:
-            made = make()
+            address = make()
         except KeyboardInterrupt:
             interrupted = True
         except BaseException:
             traceback.print_exc()
             os.abort()
-    ctypes.c_void_p.from_address(place).value = made
+    ctypes.c_void_p.from_address(place).value = address
     _SPENT[0] += time.perf_counter() - begin
     if interrupted:  # told again when compiled code goes on
         threading.Timer(0.02, interrupt_main).start()
@@ -242,8 +242,8 @@ def _entry(function: Callable[..., Any], address: int) -> Callable[..., Any]:
 
 def _place(array: np.ndarray, rank: int, kind: np.dtype[Any]) -> tuple[int, ...]:
     """Address and lengths."""
-    known = array.dtype is kind or array.dtype == kind  # most are one object, which is seen in a tenth of the time
-    if not known or array.ndim != rank or not array.flags.c_contiguous:
+    same_type = array.dtype is kind or array.dtype == kind  # most are one object, which is seen in a tenth of the time
+    if not same_type or array.ndim != rank or not array.flags.c_contiguous:
         raise TypeError(f"a contiguous array of {kind} with {rank} axes is needed, not {array!r}")
     return address_of(array), *array.shape
 

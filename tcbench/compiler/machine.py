@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import cache as files
 from ..errors import MachineError, TcbenchError
-from .once import uncollected
+from .caches import uncollected
 
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
 LINE, ARRAYS, LIBRARY = "a kernel", "a kernel on arrays", "functions"  # what a module has
@@ -52,9 +52,9 @@ def target() -> tuple[str, str]:
     if not asked:
         return host, llvm.get_host_cpu_features().flatten()
     cpu, _, features = asked.partition(":")
-    known = [host, *(LEVELS if is_x86() else ())]
-    if cpu not in known:  # LLVM would end the process
-        raise TcbenchError(f"{TARGET} names no processor known here: {cpu!r}. Known: {', '.join(known)}.")
+    cpus = [host, *(LEVELS if is_x86() else ())]
+    if cpu not in cpus:  # LLVM would end the process
+        raise TcbenchError(f"{TARGET} names no processor known here: {cpu!r}. Known: {', '.join(cpus)}.")
     return cpu, features
 
 
@@ -143,14 +143,14 @@ def addresses(
     engine.add_object_file(llvm.ObjectFileRef.from_data(content))
     engine.finalize_object()
     _ENGINES.append(engine)
-    found = {symbol: engine.get_global_value_address(symbol) for symbol in symbols}
-    missing = [symbol for symbol, address in found.items() if not address]
+    by_symbol = {symbol: engine.get_global_value_address(symbol) for symbol in symbols}
+    missing = [symbol for symbol, address in by_symbol.items() if not address]
     if missing:
         raise MachineError(
             f"Compiled code lacks {', '.join(missing)}: another file lies in its place in the cache, "
             f"{str(files.root())!r}. Run tcbench cache clear."
         )
-    return list(found.values())
+    return list(by_symbol.values())
 
 
 def load(
@@ -163,14 +163,14 @@ def load(
     """
     key = (text, None if table is None else table.tobytes())
     if key not in _LOADED:
-        found = addresses(
+        loaded = addresses(
             ["kernel", *(["table"] if table is not None else [])],
             lambda: code(text),
             f"{by} {text}" if by else None,
             SELDOM if seldom else LINE if table is None else ARRAYS,
         )
         if table is not None:
-            ctypes.c_int64.from_address(found[1]).value = table.ctypes.data
+            ctypes.c_int64.from_address(loaded[1]).value = table.ctypes.data
             _TABLES.append(table)
-        _LOADED[key] = found[0]
+        _LOADED[key] = loaded[0]
     return _LOADED[key]

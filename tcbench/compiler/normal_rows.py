@@ -56,7 +56,7 @@ def _without_factors(row: Symbol, moving: Collection[int]) -> Symbol:
 
 def _terms(row: Symbol, sign: int = 1) -> list[tuple[int, Symbol]]:
     """The row as a sum: (1 or -1, term), in the author's order."""
-    found, waiting = [], [(sign, row)]
+    terms, waiting = [], [(sign, row)]
     while waiting:
         sign, node = waiting.pop()
         if node.op in ("add", "sub"):
@@ -65,8 +65,8 @@ def _terms(row: Symbol, sign: int = 1) -> list[tuple[int, Symbol]]:
         elif node.op == "neg":
             waiting.append((-sign, node.args[0]))
         else:
-            found.append((sign, node))
-    return found
+            terms.append((sign, node))
+    return terms
 
 
 def _total(terms: Sequence[tuple[int, Symbol]]) -> Symbol:

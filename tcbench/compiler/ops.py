@@ -205,8 +205,8 @@ def partials(name: str, y: Any, *x: Any) -> tuple[Any, ...]:
 
 def by_numpy(name: str) -> Operation | None:
     """The operation that a function of numpy, or a method of this name, is."""
-    found = (row for row in OPERATIONS.values() if name and row.numpy == name)
-    return next(found, None)
+    rows = (row for row in OPERATIONS.values() if name and row.numpy == name)
+    return next(rows, None)
 
 
 def functions() -> dict[str, Rule]:
@@ -233,24 +233,24 @@ def _compiled(same: str) -> Any:
     return compile(same, "<same>", "eval")
 
 
-def evaluated(same: str, known: Mapping[str, Rule], x: Any, z: Any = None) -> Any:
+def evaluated(same: str, rules: Mapping[str, Rule], x: Any, z: Any = None) -> Any:
     """The formula that an operation is the same as, of x (and z), by these functions."""
-    return eval(_compiled(same), dict(known), {"x": x, "z": z})
+    return eval(_compiled(same), dict(rules), {"x": x, "z": z})
 
 
-def completed(known: Mapping[str, Rule]) -> dict[str, Rule]:
+def completed(rules: Mapping[str, Rule]) -> dict[str, Rule]:
     """These functions, and what can be made of them of those that are missing."""
-    found = dict(known)
+    completed_rules = dict(rules)
     for row in OPERATIONS.values():
-        if row.same and row.name not in found and found.keys() >= set(NAMED.findall(row.same)):
-            found[row.name] = partial(evaluated, row.same, found)
-    return found
+        if row.same and row.name not in completed_rules and completed_rules.keys() >= set(NAMED.findall(row.same)):
+            completed_rules[row.name] = partial(evaluated, row.same, completed_rules)
+    return completed_rules
 
 
-def rewritten(text: str, known: Collection[str]) -> str:
+def rewritten(text: str, available: Collection[str]) -> str:
     """The text of a kernel, in whose place of functions that are not known there are formulas of others."""
     for row in reversed(OPERATIONS.values()):
-        if row.same and row.name not in known:
+        if row.same and row.name not in available:
             call = re.compile(rf"\b{row.name}\(([^(),]+|\([^()]*\))(?:, ([^(),]+|\([^()]*\)))?\)")
             text = call.sub(partial(_replaced, row.same), text)
     return text

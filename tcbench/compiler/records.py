@@ -98,9 +98,9 @@ class Field:
     def __get__(self, record: Any, owner: type) -> Any:
         if record is None:
             return self
-        found = record._kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
-        if found is not None:
-            return found
+        array = record._kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
+        if array is not None:
+            return array
         if self.is_whole:
             return record.table.item(self.index)
         return record.reals[self.index] if self.is_real else record._array(self)
@@ -171,13 +171,13 @@ class Record:
     def again(self: R, **values: Any) -> R:
         """Another record with the same numbers, and memory of its own, zero: what was given is shared, but for these
         values, of the same shapes."""
-        found, fields, plan = object.__new__(type(self)), type(self).fields, self._plan
-        found._with_memory(
+        copied, fields, plan = object.__new__(type(self)), type(self).fields, self._plan
+        copied._with_memory(
             plan, self.table.copy(), {field.name: self._kept[field.name] for field in plan.given} | values
         )
         for name, value in values.items():
-            found.table[fields[name].index] = address_of(value if isinstance(value, np.ndarray) else value.table)
-        return found
+            copied.table[fields[name].index] = address_of(value if isinstance(value, np.ndarray) else value.table)
+        return copied
 
     def _with_memory(self, plan: _Plan, table: np.ndarray, kept: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
         """Live in this table, with new memory beside what is kept; returns what `_at` does."""

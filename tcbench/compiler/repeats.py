@@ -20,12 +20,12 @@ REMEDY = (
 ROUND_OFF = 1e-14  # of a number; two readings of a clock differ by more
 
 
-def same_again(found: Any, formula: Callable[[], Any]) -> bool:
+def same_again(value: Any, formula: Callable[[], Any]) -> bool:
     """Does the formula, called on the same symbols, give what was found before?
 
     Equal expressions of one trace are one object; where the order of a sum differs, the numbers in them are compared.
     """
-    one, other = _parts(found), _parts(formula())
+    one, other = _parts(value), _parts(formula())
     return _same(one, other) or _same(other, _parts(formula()))  # the first call may have made what later ones find
 
 
@@ -49,12 +49,12 @@ def _near(x: Any, others: Any) -> bool:
     return bool((gap <= ROUND_OFF * abs(x)).all())
 
 
-def _parts(found: Any) -> list[Any]:
-    if isinstance(found, Mapping):
-        found = list(found.values())
-    if isinstance(found, list | tuple):
-        return [part for item in found for part in _parts(item)]
-    return [] if found is None else entries(found)
+def _parts(value: Any) -> list[Any]:
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [part for item in value for part in _parts(item)]
+    return [] if value is None else entries(value)
 
 
 def _numbers(parts: list[Any]) -> set[Any]:

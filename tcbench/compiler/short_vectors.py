@@ -31,8 +31,8 @@ def kind_of_width(width: int) -> str:
 @cache
 def width_of(kind: Any) -> int:
     """How many numbers a vector of this kind has; 0 of what is none."""
-    found = re.match(r"<(\d+) x", kind) if isinstance(kind, str) else None
-    return int(found[1]) if found else 0
+    match = re.match(r"<(\d+) x", kind) if isinstance(kind, str) else None
+    return int(match[1]) if match else 0
 
 
 def _everywhere(body: Arithmetic, width: int, number: str) -> str:
@@ -66,8 +66,8 @@ def lane(body: Expressions, node: ast.Subscript, owner: Value) -> Value:
 def _vector(body: Expressions, node: ast.Call) -> Value:
     numbers = [body.number(x, FLOAT)[1] for x in node.args]
     kind = kind_of_width(len(numbers))
-    known = [number if not number.startswith("%") else constant(0.0) for number in numbers]
-    code = f"<{', '.join(f'{FLOAT} {number}' for number in known)}>"
+    lane_values = [number if not number.startswith("%") else constant(0.0) for number in numbers]
+    code = f"<{', '.join(f'{FLOAT} {number}' for number in lane_values)}>"
     for i, number in enumerate(numbers):
         if number.startswith("%"):
             code = body.emit(f"insertelement {kind} {code}, {FLOAT} {number}, i64 {i}")
@@ -90,8 +90,8 @@ def _row(body: Expressions, node: ast.Call) -> Value:
 
 
 def _put(body: Expressions, node: ast.Call) -> Value:
-    array, start, given = node.args
-    value = body.value(given)
+    array, start, lane_value = node.args
+    value = body.value(lane_value)
     if not width_of(value.kind):
         raise body.refusal(node, f"{say(value.kind)} stands where a vector is needed")
     at = _place(body, node, array, start)
@@ -103,8 +103,8 @@ def _pick(body: Expressions, node: ast.Call) -> Value:
     first, second = (body.value(x) for x in node.args[:2])
     lanes = [x.value for x in node.args[2:] if isinstance(x, ast.Constant) and isinstance(x.value, int)]
     width = width_of(first.kind)
-    known = len(lanes) == len(node.args) - 2 and all(x in range(2 * width) for x in lanes)
-    if not width or second.kind != first.kind or not known:
+    valid = len(lanes) == len(node.args) - 2 and all(x in range(2 * width) for x in lanes)
+    if not width or second.kind != first.kind or not valid:
         raise body.refusal(node, "pick(x, y, lanes...) takes two vectors of one length and which of their lanes")
     mask = f"<{len(lanes)} x i32> <{', '.join(f'i32 {x}' for x in lanes)}>"
     code = f"shufflevector {first.kind} {body.part(first)}, {first.kind} {body.part(second)}, {mask}"

@@ -55,10 +55,10 @@ class Body(Expressions):
         self.module, self.function, self.names, self.file = module, function, names, file
         self.allocations: list[str] = []
         self.lines, self.values, self.cells = [], {}, {}
-        self.assigned, self.known, self.block = _assignments(tree), set(), "entry"
+        self.assigned, self.definite, self.block = _assignments(tree), set(), "entry"
         self.is_open, self.loops = True, list[_Loop]()
-        given = tree.args
-        if given.vararg or given.kwarg or given.kwonlyargs or given.posonlyargs or given.defaults:
+        arguments = tree.args
+        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.posonlyargs or arguments.defaults:
             raise self.refusal(tree, "a function has arguments by position, without defaults")
         for argument in tree.args.args:
             kind = function.arguments[argument.arg]
@@ -96,9 +96,9 @@ class Body(Expressions):
         self.lines.append(f"  br label %{label}")
         self.is_open = False
 
-    def arrive(self, label: str, known: set[str]) -> None:
+    def arrive(self, label: str, definite: set[str]) -> None:
         self.start_block(label)
-        self.is_open, self.known = True, set(known)
+        self.is_open, self.definite = True, set(definite)
 
     # names ----------------------------------------------------------------------------------------------------------
 
@@ -121,7 +121,7 @@ class Body(Expressions):
                 raise self.refusal(node, f"{name!r} is {say(cell.kind)} above and {say(value.kind)} here")
             for i, kind in enumerate(machine_kinds(cell.kind)):
                 self.lines.append(f"  store {kind} {self.part(value, i)}, ptr {cell.parts[i]}")
-        self.known.add(name)
+        self.definite.add(name)
 
     def store(self, target: ast.expr, value: Value) -> None:
         if isinstance(target, ast.Name):
@@ -147,12 +147,12 @@ class Body(Expressions):
     def _store_field(self, target: ast.Attribute, value: Value) -> None:
         owner = self.value(target.value)
         fields = owner.kind.fields if isinstance(owner.kind, type) else {}  # type: ignore[attr-defined]
-        known = fields.get(target.attr)
-        if known is None or not owner.kind.mutable or known.kind not in ("int", "float", "bool"):
+        field = fields.get(target.attr)
+        if field is None or not owner.kind.mutable or field.kind not in ("int", "float", "bool"):
             raise self.refusal(target, "only numbers of a record with mutable=True can be assigned to")
-        kind = FLOAT if known.kind == "float" else INT
+        kind = FLOAT if field.kind == "float" else INT
         code = self.convert(target, value, kind)
-        self.lines.append(f"  store {kind} {code}, ptr {self.field_place(owner, known)}")
+        self.lines.append(f"  store {kind} {code}, ptr {self.field_place(owner, field)}")
 
     # statements -----------------------------------------------------------------------------------------------------
 
@@ -229,7 +229,7 @@ class Body(Expressions):
     def _if_statement(self, node: ast.If) -> None:
         test, (yes, no, join) = self.truth(node.test), [self.label(x) for x in ("then", "else", "after")]
         self.lines.append(f"  br i1 {test}, label %{yes}, label %{no if node.orelse else join}")
-        before, ways = self.known, []
+        before, ways = self.definite, []
         for body, label in ((node.body, yes), (node.orelse, no)):
             if not body:
                 ways.append(before)
@@ -237,7 +237,7 @@ class Body(Expressions):
             self.arrive(label, before)
             self.statements(body)
             if self.is_open:
-                ways.append(self.known)
+                ways.append(self.definite)
                 self.jump(join)
         if ways:
             self.arrive(join, set.intersection(*ways))
@@ -246,17 +246,17 @@ class Body(Expressions):
         self._no_else(node)
         head, body, end = (self.label(x) for x in ("while", "body", "end"))
         self.jump(head)
-        self.arrive(head, self.known)
+        self.arrive(head, self.definite)
         forever = isinstance(node.test, ast.Constant) and node.test.value is True
         self.lines.append(
             f"  br label %{body}" if forever else f"  br i1 {self.truth(node.test)}, label %{body}, label %{end}"
         )
-        loop = _Loop(head, end, [] if forever else [self.known])
+        loop = _Loop(head, end, [] if forever else [self.definite])
         self._loop(loop, body, node.body)
 
     def _loop(self, loop: _Loop, label: str, body: list[ast.stmt]) -> None:
         self.loops.append(loop)
-        self.arrive(label, self.known)
+        self.arrive(label, self.definite)
         self.statements(body)
         if self.is_open:
             self.jump(loop.head)
@@ -281,7 +281,7 @@ class Body(Expressions):
         self.allocations.append(f"  {counter} = alloca i64")
         self.lines.append(f"  store i64 {start}, ptr {counter}")
         self.jump(head)
-        before = self.known
+        before = self.definite
         self.arrive(head, before)
         here = self.emit(f"load i64, ptr {counter}")
         test = self.emit(f"icmp {'slt' if int(step) > 0 else 'sgt'} i64 {here}, {stop}")
@@ -304,7 +304,7 @@ class Body(Expressions):
             raise self.refusal(node, "else of a loop is not translated")
 
     def _break_statement(self, node: ast.Break) -> None:
-        self.loops[-1].ways_out.append(self.known)
+        self.loops[-1].ways_out.append(self.definite)
         self.jump(self.loops[-1].end)
 
     def _continue_statement(self, node: ast.Continue) -> None:

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from ..errors import TraceError
 from . import ops
 from .choices import Choosing
-from .interned import KNOWN
+from .interned import INTERNED
 from .interned import expressions as expressions
 from .interned import in_trace as in_trace
 from .interned import tracing as tracing
 from .ops import TINY
-from .sentences import refused, where_in_user_code
+from .trace_errors import refused, where_in_user_code
 
 T = TypeVar("T")
 Other = TypeVar("Other")
@@ -71,12 +71,12 @@ def operators(
 
 
 def _lifted(_: Symbol, other: Number) -> Symbol:
-    found: Symbol = NotImplemented
+    symbol: Symbol = NotImplemented
     if isinstance(other, Symbol):
-        found = other
+        symbol = other
     elif isinstance(other, int | float | np.floating | np.integer):
-        found = const(float(other))
-    return found
+        symbol = const(float(other))
+    return symbol
 
 
 class Symbol(Choosing):
@@ -153,7 +153,7 @@ class Symbol(Choosing):
 def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: str | None = None) -> Symbol:
     """The node of this operation; space: of its value, by default that of its arguments."""
     key = (op, tuple(a.number for a in args), value)
-    table = KNOWN.table
+    table = INTERNED.table
     node = table.get(key)
     if node is None:
         if space is None:
@@ -259,7 +259,7 @@ def sub(a: Symbol, b: Symbol) -> Symbol:
         return add(a, b.args[0])
     if a.op == "neg":
         return neg(add(a.args[0], b))
-    if a.number > b.number and ("sub", (b.number, a.number), None) in KNOWN.table:
+    if a.number > b.number and ("sub", (b.number, a.number), None) in INTERNED.table:
         return neg(intern("sub", (b, a)))  # a - b and b - a are one node
     return intern("sub", (a, b))
 
@@ -336,14 +336,14 @@ def reciprocal(a: Symbol) -> Symbol:
 
 def _is_power(product: Symbol) -> bool:
     """Are all of its factors one?"""
-    factors, found = [product], set[int]()
-    while factors and len(found) < 2:
+    factors, bases = [product], set[int]()
+    while factors and len(bases) < 2:
         x = factors.pop()
         if x.op == "mul":
             factors += x.args if x.args[0] is not x.args[1] else x.args[:1]
         else:
-            found.add(x.number)
-    return len(found) == 1
+            bases.add(x.number)
+    return len(bases) == 1
 
 
 def power(base: Symbol, exponent: Any) -> Symbol:
@@ -376,9 +376,9 @@ def _logarithm(product: Symbol) -> Symbol | None:
             (exponents if x.op == "exp" else rest).append(x)
     if not exponents:
         return None
-    found: Symbol = reduce(add, (x.args[0] for x in exponents))
+    exponent: Symbol = reduce(add, (x.args[0] for x in exponents))
     if not rest:
-        return found
+        return exponent
     whole: Symbol = reduce(mul, rest)
     logarithm: Symbol = -whole.args[0].log() if whole.op == "recip" else whole.log()
-    return add(found, logarithm)
+    return add(exponent, logarithm)

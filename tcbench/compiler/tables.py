@@ -29,19 +29,19 @@ class Table(np.ndarray):
         if values.dtype == object:  # of symbols; or of units, where nothing has that of the others
             symbols = any(isinstance(v, Symbol) for v in values.flat) if values.size else in_trace()
             zero = const(0.0) if symbols else values[(0,) * index.ndim] if values.size else 0.0
-        found = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
-        np.add.at(found, index, values)
-        of_each = np.split(found, np.cumsum(self.counts)[:-1])
+        totals = np.full((sum(self.counts), *values.shape[index.ndim :]), zero, values.dtype)
+        np.add.at(totals, index, values)
+        of_each = np.split(totals, np.cumsum(self.counts)[:-1])
         return alone_or_all([of_each[k] for k in self.summed])
 
 
 def numbered(values: Any, counts: tuple[int, ...], summed: tuple[int, ...]) -> Table:
     """A table of these numbers."""
-    found: Table = values.view(Table)
-    found.counts, found.summed = counts, summed
-    return found
+    table: Table = values.view(Table)
+    table.counts, table.summed = counts, summed
+    return table
 
 
-def alone_or_all(found: list[Any]) -> Any:
+def alone_or_all(values: list[Any]) -> Any:
     """What is alone by itself."""
-    return found[0] if len(found) == 1 else tuple(found)
+    return values[0] if len(values) == 1 else tuple(values)

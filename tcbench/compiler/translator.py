@@ -58,13 +58,13 @@ def _functions(text: str) -> dict[tuple[str, str], ast.FunctionDef]:
     """The functions of a source by name and what they are compiled to."""
     tree = ast.parse(text)
     nodes = {(f.name, min([f.lineno, *(d.lineno for d in f.decorator_list)])): f for f in _all_functions(tree.body)}
-    found, inner = {}, [compile(tree, "<text>", "exec", dont_inherit=True)]
+    tree_of, inner = {}, [compile(tree, "<text>", "exec", dont_inherit=True)]
     while inner:
         code = inner.pop()
         if (code.co_name, code.co_firstlineno) in nodes:
-            found[code.co_name, code_digest(code)] = nodes[code.co_name, code.co_firstlineno]
+            tree_of[code.co_name, code_digest(code)] = nodes[code.co_name, code.co_firstlineno]
         inner += [x for x in code.co_consts if isinstance(x, CodeType)]
-    return found
+    return tree_of
 
 
 def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
@@ -130,17 +130,17 @@ class Module:
         place = f'@"{LATE}{len(self.late)}"'
         kinds = {name: kind_of(kind, names) for name, kind in function.__annotations__.items()}
         result = kinds.pop("return")
-        made = self.late[function] = Function(place, f"{function.__name__}()", kinds, result, "", late=True)
+        stub = self.late[function] = Function(place, f"{function.__name__}()", kinds, result, "", late=True)
         parts = [f"{m} %{a}{i}" for a, kind in kinds.items() for i, m in enumerate(machine_kinds(kind))]
         first, maker = f'@"first.{len(self.late) - 1}"', f'@"{MAKER}{len(self.late) - 1}"'
-        call = f"call {made.result_code} %made({', '.join(parts)})"
+        call = f"call {stub.result_code} %code({', '.join(parts)})"
         lines = [f"{place} = global ptr {first}", f"{maker} = global ptr null"]
-        lines.append(f"define internal {made.result_code} {first}({', '.join(parts)}) noinline nounwind {{")
-        lines += [f"  %make = load ptr, ptr {maker}", "  call void %make()", f"  %made = load ptr, ptr {place}"]
+        lines.append(f"define internal {stub.result_code} {first}({', '.join(parts)}) noinline nounwind {{")
+        lines += [f"  %make = load ptr, ptr {maker}", "  call void %make()", f"  %code = load ptr, ptr {place}"]
         nothing = result == NOTHING
-        lines += [f"  {call}", "  ret void"] if nothing else [f"  %found = {call}", f"  ret {made.result_code} %found"]
+        lines += [f"  {call}", "  ret void"] if nothing else [f"  %value = {call}", f"  ret {stub.result_code} %value"]
         self.code.append("\n".join([*lines, "}"]))
-        return made
+        return stub
 
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
         """The kernel(a, b, out) of a text, which other code reaches under this name."""
@@ -164,34 +164,34 @@ class Module:
         arguments = {a.arg: KERNEL if kinds is None else kind_of(kinds[a.arg], names) if a.arg in kinds else None
                      for a in tree.args.args}  # fmt: skip
         result = NOTHING if kinds is None else kind_of(kinds["return"], names) if "return" in kinds else None
-        made = Function(name, title, arguments, result, "" if getattr(key, "exact", False) else FUSED)
+        translated = Function(name, title, arguments, result, "" if getattr(key, "exact", False) else FUSED)
         self.open.append(key)
-        body = Body(self, made, tree, names, file)
+        body = Body(self, translated, tree, names, file)
         self.open.remove(key)
-        self.functions[key] = made
+        self.functions[key] = translated
         parts = [f"{m} %{a}{i}" for a, kind in arguments.items() for i, m in enumerate(machine_kinds(kind))]
         linkage, _, hint = form.partition("{}")
-        head = f"define {linkage}{made.result_code} {name}({', '.join(parts)}){hint} nounwind {{"
+        head = f"define {linkage}{translated.result_code} {name}({', '.join(parts)}){hint} nounwind {{"
         self.code.append("\n".join([head, "entry:", *body.allocations, *body.lines, "}"]))
-        return made
+        return translated
 
     def entry(self, function: FunctionType, name: str) -> Function:
         """A function for ctypes: numbers as they are, a record by its address, an array by address and lengths; several
         results go through one more argument, an address."""
-        made = self.function(function)
-        parts = [f"{m} %{a}{i}" for a, kind in made.arguments.items() for i, m in enumerate(machine_kinds(kind))]
-        bools = [(a, f"%{a}0") for a, kind in made.arguments.items() if kind == BOOL]
+        callee = self.function(function)
+        parts = [f"{m} %{a}{i}" for a, kind in callee.arguments.items() for i, m in enumerate(machine_kinds(kind))]
+        bools = [(a, f"%{a}0") for a, kind in callee.arguments.items() if kind == BOOL]
         outer = [p.replace("i1 ", "i64 ") if p.startswith("i1 ") else p for p in parts]
         lines = [f"  %{a}bool = icmp ne i64 {code}, 0" for a, code in bools]
         inner = [f"i1 %{p[4:-1]}bool" if p.startswith("i1 ") else p for p in parts]
-        call, result = f"call {made.result_code} {made.name}({', '.join(inner)})", made.result
+        call, result = f"call {callee.result_code} {callee.name}({', '.join(inner)})", callee.result
         if result == NOTHING:
             lines += [f"  {call}", "  ret void"]
         elif isinstance(result, Several):
             outer.append("ptr %results")
             lines.append(f"  %result = {call}")
             for i, kind in enumerate(result.kinds):
-                lines.append(f"  %part{i} = extractvalue {made.result_code} %result, {i}")
+                lines.append(f"  %part{i} = extractvalue {callee.result_code} %result, {i}")
                 lines += [f"  %wide{i} = zext i1 %part{i} to i64"] if kind == BOOL else []
                 lines.append(f"  %at{i} = getelementptr i64, ptr %results, i64 {i}")
                 lines.append(f"  store {f'i64 %wide{i}' if kind == BOOL else f'{kind} %part{i}'}, ptr %at{i}")
@@ -204,7 +204,7 @@ class Module:
             lines += [f"  %result = {call}", f"  ret {result} %result"]
         head = f'define {result} @"{name}"({", ".join(outer)}) nounwind {{'
         self.code.append("\n".join([head, *lines, "}"]))
-        return made
+        return callee
 
 
 def _text_now(function: FunctionType) -> str:

@@ -91,7 +91,7 @@ def kind_of(annotation: Any, names: Mapping[str, Any]) -> Any:
         parts = [kind_of(x.strip(), names) for x in text[6:-1].split(",")]
         return Several(tuple(parts)) if all(x in (INT, FLOAT, BOOL, EIGHT) for x in parts) else None
     rows = text.startswith("Rows[")
-    known = names.get(text[5:-1] if rows else text)
-    if isinstance(known, type) and issubclass(known, Record):
-        return RowsOf(known) if rows else known
+    named = names.get(text[5:-1] if rows else text)
+    if isinstance(named, type) and issubclass(named, Record):
+        return RowsOf(named) if rows else named
     return None

@@ -86,7 +86,7 @@ class VectorFunctions:
 
     def exp(self, x: str) -> str:
         """Within an ulp; infinite where it overflows, 0 where it is below the smallest normal number, NaN of NaN."""
-        given, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
+        argument, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
         x = self.select(">", x, top, top, x)
         x = self.select("<", x, bottom, bottom, x)
         shifted = self.add(self.mul(x, self.constant(1.0 / math.log(2.0))), self.constant(ROUND))
@@ -96,19 +96,19 @@ class VectorFunctions:
         tail = self.add(r, self.mul(self.mul(r, r), self.polynomial(EXP_SERIES[2:], r)))
         bits = self.as_bits(self.add(self.constant(1.0), tail))
         value = self.from_bits(self.whole("add", bits, exponent))
-        value = self.select(">", given, top, self.constant(math.inf), value)
-        return self.select("<", given, bottom, self.constant(0.0), value)
+        value = self.select(">", argument, top, self.constant(math.inf), value)
+        return self.select("<", argument, bottom, self.constant(0.0), value)
 
     def log(self, x: str) -> str:
         """Within an ulp; as numpy's: -infinity of 0, infinity of infinity, NaN where x is negative or NaN."""
-        given, least = x, self.constant(SMALLEST)
+        argument, least = x, self.constant(SMALLEST)
         x = self.select("<", x, least, self.mul(x, self.constant(2.0**54)), x)  # subnormal numbers
         bits, shift = self.as_bits(x), self.everywhere(EXPONENT)
         e = self.whole("ashr", self.whole("sub", bits, self.everywhere(_bits(math.sqrt(0.5)))), shift)
         mantissa = self.whole("sub", bits, self.whole("shl", e, shift))
         f = self.sub(self.from_bits(mantissa), self.constant(1.0))
         whole = self.from_bits(self.whole("add", e, self.everywhere(_bits(ROUND))))
-        n = self.sub(whole, self.select("<", given, least, self.constant(ROUND + 54.0), self.constant(ROUND)))
+        n = self.sub(whole, self.select("<", argument, least, self.constant(ROUND + 54.0), self.constant(ROUND)))
         s = self.divide(f, self.add(self.constant(2.0), f))
         z = self.mul(s, s)
         half_square = self.mul(self.constant(0.5), self.mul(f, f))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.once import once
+from ..compiler.caches import cached
 from ..errors import TcbenchError
 from ..systems.scenario import Scenario
 from ..systems.system import System
@@ -77,7 +77,7 @@ class _Start:
         return isinstance(other, _Start) and self.key == other.key
 
 
-@once
+@cached
 def _path(symbolic: System, start: _Start, t_end: float) -> Path | None:
     from scipy.integrate import LSODA
 

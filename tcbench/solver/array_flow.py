@@ -15,10 +15,10 @@ from ..compiler.array_jacobian import Term, jacobian_terms, shared_as_unknowns
 from ..compiler.array_kernels import array_kernel, jacobian_kernel
 from ..compiler.array_mesh import Block, Mesh, Shorts, alone, scattered
 from ..compiler.array_states import entries, refilled
+from ..compiler.caches import cached
 from ..compiler.derivatives import Symbol, const
 from ..compiler.elimination import ZERO_PIVOT
 from ..compiler.kernels import fixed_values, kernel
-from ..compiler.once import once
 from ..errors import TraceError
 from ..integrator import Flow
 from .equations import equations_of
@@ -120,6 +120,6 @@ def flow_of(formula: Flow, hashed: str | None, kind: Any) -> Made:
     return array_flow(formula, kind) if hashed is None else _flow_of(formula, hashed, kind)
 
 
-@once
+@cached
 def _flow_of(formula: Flow, hashed: str, kind: Any) -> Made:
     return array_flow(formula, kind)

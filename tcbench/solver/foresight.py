@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler.looks import END, LEFT, TIME, raise_again, watch_by
+from ..compiler.polling import END, LEFT, TIME, raise_again, watch_by
 from ..errors import MachineError
 from ..progress import Meter, part
 from ..systems.system import System
@@ -112,7 +112,7 @@ def of_steps(system: System, each: float, steps: int) -> str:
 
 class Lending:
     """A method whose record, `work`, has `rows`, `times`, `states` and `watch`; these are lent to it, for a call that
-    passes arrays takes two microseconds more. Its loop asks `compiler.looks.to_end` before each step.
+    passes arrays takes two microseconds more. Its loop asks `compiler.polling.to_end` before each step.
     """
 
     work: Any

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..compiler.caches import cached
 from ..compiler.formula_hash import formula_hash
 from ..compiler.language import Floats, copy_into, late, release, scratch
 from ..compiler.library import evaluate
-from ..compiler.once import once
 from ..integrator import Flow, Integrator
 from ..systems.scenario import Scenario
 from ..systems.system import System
@@ -118,7 +118,7 @@ def compiled_flows(formulas: tuple[Flow, ...], symbolic: System) -> tuple[FlowKe
     return make(formulas, symbolic, seen)
 
 
-@once
+@cached
 def _compiled_flows(
     formulas: tuple[Flow, ...], symbolic: System, seen: tuple[str | None, ...]
 ) -> tuple[FlowKernels, ...]:

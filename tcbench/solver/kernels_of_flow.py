@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.caches import cached_property
 from ..compiler.kernels import Kernel
 from ..compiler.library import evaluate, late_address
-from ..compiler.once import cached_property
 from ..systems.system import System
 
 if TYPE_CHECKING:

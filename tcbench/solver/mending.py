@@ -18,9 +18,9 @@ from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
 from ..compiler.arrays import total
+from ..compiler.caches import cached
 from ..compiler.derivatives import Symbol, const
 from ..compiler.language import Address, Floats, call, rare
-from ..compiler.once import once
 from ..compiler.round_off import round_off
 from ..systems.state import blocks_of
 from ..systems.system import System
@@ -146,7 +146,7 @@ def missed(now: Floats, first: Floats, entropy: float, allowed: Floats) -> float
     return most
 
 
-@once
+@cached
 def mending_kernels(system: System) -> tuple[Any, Any, Any, list[Symbol]]:
     """(start, mend, hold, constants) for the marches of systems of one structure, by their `System.symbolic`, or of one
     kind, by `by_arrays`.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..compiler.caches import cached_property
 from ..compiler.language import Ints
 from ..compiler.library import callback
-from ..compiler.once import cached_property
 
 DENSE = 100  # rows up to which LAPACK on the whole matrix takes less time than SuperLU: a tenth of it, of 50 rows
 BORDER = 4  # rows that see most others, from which on they are eliminated by themselves

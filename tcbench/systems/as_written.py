@@ -16,9 +16,9 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.array_states import Blocks, fitted, is_array
 from ..compiler.array_symbols import ArraySymbol
-from ..compiler.once import once
+from ..compiler.caches import cached
 from ..compiler.repeats import REMEDY, same_again
-from ..compiler.sentences import ELEMENTARY
+from ..compiler.trace_errors import ELEMENTARY
 from ..errors import TcbenchError, misnamed, unknown_name
 from .constrained import named_constraints
 from .declaration import whole
@@ -45,8 +45,8 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
             return formula(self, *(_read_only(self, state) for state in states))
 
         try:
-            found = call()
-            again = not symbolic or self.formulas in _REPEATED.get(formula, ()) or same_again(found, call)
+            value = call()
+            repeatable = not symbolic or self.formulas in _REPEATED.get(formula, ()) or same_again(value, call)
         except TcbenchError:
             raise
         except Exception as error:  # numpy and Python refuse symbols with errors of their own
@@ -58,17 +58,17 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
             message = f"{place(formula, error)}: {name}() of {type(self).__name__} cannot be evaluated"
             raise TcbenchError(f"{message}: {why}.") from error
         where = f"{place(formula)}: {name}() of {type(self).__name__}"
-        if not again:
+        if not repeatable:
             raise TcbenchError(f"{where} {REMEDY}.")
         if symbolic:
             _REPEATED.setdefault(formula, set()).add(self.formulas)
-        return returned(self, found, where)
+        return returned(self, value, where)
 
     body.__name__ = name  # whatever the author's function is called: kernels are known by it
     return body
 
 
-@once
+@cached
 def check_repeats(model: System) -> None:
     """TcbenchError where a formula is not the same when it is called again: solvers of their own would make rows of it.
 
@@ -102,82 +102,82 @@ def place(formula: Callable[..., Any], error: Exception | None = None) -> str:
     return f"{Path(name).name}, line {line}"
 
 
-def _number(self: System, found: Any, where: str) -> Any:
-    if is_array(found):
-        raise TcbenchError(f"{where} returns one number, not {found!r}; x.sum() adds up.")
-    array = np.asarray(found, dtype=object)
+def _number(self: System, value: Any, where: str) -> Any:
+    if is_array(value):
+        raise TcbenchError(f"{where} returns one number, not {value!r}; x.sum() adds up.")
+    array = np.asarray(value, dtype=object)
     if array.size != 1 or array.item() is None or isinstance(array.item(), str):
         raise TcbenchError(
             f"{where} returns one number, not "
-            + ("nothing (is `return` missing?)." if found is None else f"shape {array.shape}; sum() adds up.")
+            + ("nothing (is `return` missing?)." if value is None else f"shape {array.shape}; sum() adds up.")
         )
     return array.item()
 
 
-def _rates(self: System, found: Any, where: str) -> Any:
-    if isinstance(found, (State, Blocks)):  # made of what super() gives
-        found = {name: getattr(found, name) for name in self.variables}
+def _rates(self: System, named: Any, where: str) -> Any:
+    if isinstance(named, (State, Blocks)):  # made of what super() gives
+        named = {name: getattr(named, name) for name in self.variables}
     example = next(iter(self.variables), "q")
-    found = _named(found, where, f"rates by the name of their variable, {{{example!r}: ...}}")
-    for name in found:
+    named = _named(named, where, f"rates by the name of their variable, {{{example!r}: ...}}")
+    for name in named:
         if name not in self.variables:
             raise TcbenchError(f"{where}: {unknown_name(f'variable of {self.name!r}', str(name), self.variables)}")
     if self.by_array:
-        return self.state(_array_rates(self, found, where))
-    rates = trace.array([trace.const(0.0)] * self.size)
-    for name, value in found.items():
+        return self.state(_array_rates(self, named, where))
+    vector = trace.array([trace.const(0.0)] * self.size)
+    for name, value in named.items():
         first, end, shape = self.layout[name]
         array = np.asarray(value, dtype=object)
         if array.shape != shape:
             raise TcbenchError(f"{where}: the rate of {name!r} is {whole(shape)}, not shape {array.shape}.")
-        rates[first:end] = [trace.lifted(x) for x in array.ravel()]
-    return self.state(rates)
+        vector[first:end] = [trace.lifted(x) for x in array.ravel()]
+    return self.state(vector)
 
 
-def _array_rates(self: System, found: Mapping[str, Any], where: str) -> Blocks:
+def _array_rates(self: System, rates: Mapping[str, Any], where: str) -> Blocks:
     """The same on arrays."""
     z = self.fresh_state("z")
     likes = {name: getattr(z, name) for name in self.variables}
-    for name, value in found.items():
+    for name, value in rates.items():
         like = likes[name]
         if isinstance(like, ArraySymbol) and not isinstance(value, ArraySymbol):
             raise TcbenchError(f"{where}: the rate of {name!r} is one for each {like.space}, not {value!r}.")
-    return Blocks([fitted(found.get(n, 0.0 * like), like, f"{where}: the rate of {n!r}") for n, like in likes.items()])
+    return Blocks([fitted(rates.get(n, 0.0 * like), like, f"{where}: the rate of {n!r}") for n, like in likes.items()])
 
 
-def _named(found: Any, where: str, what: str) -> Mapping[Any, Any]:
-    if not isinstance(found, Mapping):
-        given = "nothing (is `return` missing?)" if found is None else type(found).__name__
-        raise TcbenchError(f"{where} returns {what}, not {given}.")
-    return found
+def _named(value: Any, where: str, what: str) -> Mapping[Any, Any]:
+    if not isinstance(value, Mapping):
+        kind = "nothing (is `return` missing?)" if value is None else type(value).__name__
+        raise TcbenchError(f"{where} returns {what}, not {kind}.")
+    return value
 
 
-def _numbers_by_name(self: System, found: Any, where: str) -> Any:
-    for name, value in _named(found, where, "numbers by name, {'spin': ...}").items():
+def _numbers_by_name(self: System, numbers: Any, where: str) -> Any:
+    for name, value in _named(numbers, where, "numbers by name, {'spin': ...}").items():
         if is_array(value) or shape_of(value) != ():
-            given = repr(value) if is_array(value) else f"of shape {shape_of(value)}"
-            raise TcbenchError(f"{where}: each is one number, not {name!r} {given}; sum() adds up.")
-    return found
+            kind = repr(value) if is_array(value) else f"of shape {shape_of(value)}"
+            raise TcbenchError(f"{where}: each is one number, not {name!r} {kind}; sum() adds up.")
+    return numbers
 
 
-def _numbers(self: System, found: Any, where: str) -> Any:
-    if found is None or isinstance(found, (Mapping, str)):
-        given = "nothing (is `return` missing?)" if found is None else type(found).__name__
-        raise TcbenchError(f"{where} returns one number or several, an array of them, not {given}.")
-    return found
+def _numbers(self: System, values: Any, where: str) -> Any:
+    if values is None or isinstance(values, (Mapping, str)):
+        kind = "nothing (is `return` missing?)" if values is None else type(values).__name__
+        raise TcbenchError(f"{where} returns one number or several, an array of them, not {kind}.")
+    return values
 
 
-def _matrix(self: System, found: Any, where: str) -> Any:
-    if shape_of(found) != (self.size, self.size):
+def _matrix(self: System, matrix: Any, where: str) -> Any:
+    if shape_of(matrix) != (self.size, self.size):
         raise TcbenchError(
             f"{where} returns a matrix of shape {(self.size, self.size)}, a row for each of "
-            f"{', '.join(self.component_names[:8])}{', ...' * (self.size > 8)}; not shape {shape_of(found)}."
+            f"{', '.join(self.component_names[:8])}{', ...' * (self.size > 8)}; not shape {shape_of(matrix)}."
         )
-    return found
+    return matrix
 
 
-def _as_it_is(self: System, found: Any, where: str) -> Any:
-    return found
+def _as_it_is(self: System, value: Any, where: str) -> Any:
+    return value
 
 
 def derive(cls: type, base: type, names: Sequence[str]) -> None:

@@ -54,22 +54,22 @@ def check_multipliers(cls: Any) -> None:
             )
 
 
-def named_constraints(system: System, found: Any, where: str) -> Any:
+def named_constraints(system: System, values: Any, where: str) -> Any:
     """What constraints() returned, if it is one array or number for each multiplier."""
-    if not isinstance(found, Mapping) or not set(found) <= set(system.multipliers):  # that of a base class has fewer
+    if not isinstance(values, Mapping) or not set(values) <= set(system.multipliers):  # that of a base class has fewer
         wanted = ", ".join(f"{name!r}: ..." for name in system.multipliers)
         raise TcbenchError(f"{where} returns what has to be 0 by the name of its multiplier, {{{wanted}}}.")
-    for name, value in found.items():
+    for name, value in values.items():
         declared = system.multipliers[name]
         first, *further = declared = (declared,) if isinstance(declared, str) else (*declared, *[None] * (not declared))
         shape = None if is_array(value) or value is None or isinstance(value, str) else shape_of(value)
         over = isinstance(first, str)  # a space: on arrays the value is one over it
         fits = shape == (() if first is None else declared) or (over and shape and shape[1:] == tuple(further))
         if not (fits or (over and is_array(value))):
-            given = "nothing" if value is None else f"shape {shape}" if shape is not None else f"{value!r}"
+            kind = "nothing" if value is None else f"shape {shape}" if shape is not None else f"{value!r}"
             wanted = "one number" if first is None else f"numbers of shape {system.multipliers[name]!r}"
-            raise TcbenchError(f"{where}: the multiplier {name!r} is declared to hold {wanted}; it is given {given}.")
-    return found
+            raise TcbenchError(f"{where}: the multiplier {name!r} is declared to hold {wanted}; it is given {kind}.")
+    return values
 
 
 def check_positions(system: System) -> None:
@@ -119,12 +119,12 @@ def excluded(system: System, method: Integrator) -> str:
 
 def conditions(system: System, z: Any) -> list[Any]:
     """g(z), one array or number a multiplier."""
-    found = system.constraints(system.state(z))
-    if missing := [name for name in system.multipliers if name not in found]:
+    values = system.constraints(system.state(z))
+    if missing := [name for name in system.multipliers if name not in values]:
         raise TcbenchError(
             f"{type(system).__name__}: constraints() does not say what the multiplier {missing[0]!r} holds."
         )
-    return [found[name] for name in system.multipliers]
+    return [values[name] for name in system.multipliers]
 
 
 def symbols_like(g: Sequence[Any], name: str) -> list[Any]:
@@ -206,20 +206,20 @@ def closed(
 
 
 def _blocks_like(blocks: Sequence[Any], values: Sequence[Symbol]) -> list[Any]:
-    found, at = [], 0
+    like_blocks, at = [], 0
     for block in blocks:
         end = at + len(entries(block))
-        found.append(refilled(block, list(values[at:end])))
+        like_blocks.append(refilled(block, list(values[at:end])))
         at = end
-    return found
+    return like_blocks
 
 
 def discrete_pull(system: Any, y0: Any, d: Sequence[Symbol], lam: Sequence[Any]) -> Any:
     """The discrete gradient of lam . g."""
     at = system.unknowns("x")
     f = paired(lam, conditions(system, at))
-    found = chain_rule.discrete_gradient(f, entries(at), [*map(trace.lifted, entries(y0))], list(d))
-    return system.state(refilled(at, found))
+    slopes = chain_rule.discrete_gradient(f, entries(at), [*map(trace.lifted, entries(y0))], list(d))
+    return system.state(refilled(at, slopes))
 
 
 def _difference(x: Symbol, row: Symbol) -> Symbol:
@@ -229,8 +229,8 @@ def _difference(x: Symbol, row: Symbol) -> Symbol:
 
 def _over(x: Symbol, h: Symbol) -> Symbol:
     """x/h, of a sum of terms with a factor h."""
-    found = _divided(x, h)
-    return trace.mul(x, trace.reciprocal(h)) if found is None else found
+    quotient = _divided(x, h)
+    return trace.mul(x, trace.reciprocal(h)) if quotient is None else quotient
 
 
 def _divided(x: Symbol, h: Symbol) -> Symbol | None:
@@ -248,8 +248,8 @@ def _divided(x: Symbol, h: Symbol) -> Symbol | None:
         parts = [_divided(a, h) for a in x.args]
         if any(p is None for p in parts):
             return None
-        found: Symbol = trace.rebuild(x.op, tuple(parts), x.value)
-        return found
+        quotient: Symbol = trace.rebuild(x.op, tuple(parts), x.value)
+        return quotient
     return None
 
 
@@ -282,8 +282,8 @@ def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None, marked: bool = 
     lam, slopes = _solved(system, x, dE, dS, marked)
     force = [summed(products(lam, column)) for column in zip(*slopes, strict=True)]
     pulled_by = dE + system.state(trace.array(force))
-    found = [trace.lifted(y) for y in system.reversible(x, pulled_by, dS) + system.irreversible(x, pulled_by, dS)]
-    return system.state(trace.substitute(found, here))
+    rates = [trace.lifted(y) for y in system.reversible(x, pulled_by, dS) + system.irreversible(x, pulled_by, dS)]
+    return system.state(trace.substitute(rates, here))
 
 
 def _solved(system: Any, x: Any, dE: Any, dS: Any, marked: bool) -> tuple[list[Symbol], list[list[Symbol]]]:
@@ -306,8 +306,8 @@ def _is_symmetric(A: Sequence[Sequence[Symbol]], inputs: Sequence[Symbol]) -> bo
     flat = [x for row in A for x in row]
     for _ in range(SAMPLES):
         there = {x: const(v) for x, v in zip(inputs, rng.uniform(0.5, 1.5, len(inputs)), strict=True)}
-        found = [x.value if x.op == "const" else np.nan for x in trace.substitute(flat, there)]
-        values = np.reshape(found, (len(A), -1))
+        flat_values = [x.value if x.op == "const" else np.nan for x in trace.substitute(flat, there)]
+        values = np.reshape(flat_values, (len(A), -1))
         if not np.abs(values - values.T).max() <= SYMMETRIC * np.abs(values).max():
             return False
     return True

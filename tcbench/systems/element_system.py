@@ -156,8 +156,8 @@ class ElementSystem(ThermalVariables, System):
 
     def start(self, positions: Any, momenta: Any, temperatures: Any) -> NDArray[np.float64]:  # type: ignore[override]
         n, m = how_many(self, positions, temperatures)
-        given = {"positions": (positions, n), "momenta": (momenta, n), "temperatures": (temperatures, m)}
-        for name, (values, size) in given.items():
+        settings = {"positions": (positions, n), "momenta": (momenta, n), "temperatures": (temperatures, m)}
+        for name, (values, size) in settings.items():
             if len(values) != size:
                 raise TcbenchError(f"{name} must be {size} numbers, not {len(values)}.")
         if min(temperatures) <= 0:
@@ -190,10 +190,10 @@ class ElementSystem(ThermalVariables, System):
         if log_strain is None:
             return {f"q_{i + 1}": values for i, values in enumerate(q.T)}
         strains = np.array([log_strain(pi) for pi in self.shapes(z)])
-        found = {f"strain_{letter}": strain for letter, strain in zip(LETTERS, strains.T, strict=False)}
+        columns = {f"strain_{letter}": strain for letter, strain in zip(LETTERS, strains.T, strict=False)}
         for mass in range(q.shape[1] // 2):
-            found |= {f"x_{mass + 1}": q[:, 2 * mass], f"y_{mass + 1}": q[:, 2 * mass + 1]}
-        return found
+            columns |= {f"x_{mass + 1}": q[:, 2 * mass], f"y_{mass + 1}": q[:, 2 * mass + 1]}
+        return columns
 
     def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
         z0 = self.state(z0)

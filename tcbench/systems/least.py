@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.array_kernels import ArrayKernel
 from ..compiler.array_states import entries
+from ..compiler.caches import cached
 from ..compiler.kernels import Kernel
-from ..compiler.once import once
 from ..compiler.round_off import round_off
 from .state import fixed
 from .traced import OF_LAWS
@@ -49,11 +49,11 @@ E = 0  # place of the energy among laws
 def exergy_at(model: System, z0: Floats) -> float:
     """V(z0); |E0 + offset| of a system without reference temperature, and where that is next to nothing beside the sum
     of |z dE/dz|/2, as an energy that is counted from anywhere may be, that sum."""
-    found = float(model.exergy(z0))
+    exergy = float(model.exergy(z0))
     if model.reference_temperature:
-        return found
+        return exergy
     terms = float(np.abs(z0 * model.gradient(z0)).sum()) / 2
-    return abs(found) if abs(found) >= NO_SCALE * terms else terms
+    return abs(exergy) if abs(exergy) >= NO_SCALE * terms else terms
 
 
 def measured(model: System, z0: Floats | None, horizon: float = math.inf) -> tuple[Floats, Floats]:
@@ -111,19 +111,19 @@ def _power_of_two(size: Floats, small: float = SMALL) -> Floats:
 
 def energy_terms(model: System, z0: Floats, law: str = "energy") -> float:
     """How large the terms of the energy, or of the entropy, are."""
-    made = terms_of(model.by_arrays if model.large else model.symbolic, law)
-    measure = made.kernel(model.mesh) if isinstance(made, ArrayKernel) else made
+    terms = terms_of(model.by_arrays if model.large else model.symbolic, law)
+    measure = terms.kernel(model.mesh) if isinstance(terms, ArrayKernel) else terms
     return float(measure(np.array(z0), model.declared_values)[0])
 
 
-@once
+@cached
 def terms_of(system: Any, law: str) -> Kernel | ArrayKernel:
     """How large they are at a state, of all systems of one structure or kind."""
     with trace.tracing():
         z = system.unknowns("z")
         size = round_off(trace.lifted(getattr(system, law)(z)), entries(z))
-        found: Kernel | ArrayKernel = system.compiled([z], [size])
-        return found
+        terms: Kernel | ArrayKernel = system.compiled([z], [size])
+        return terms
 
 
 def entropy_size(model: System) -> float:
@@ -191,12 +191,12 @@ def _reached(model: System, z0: Floats, far: Floats, horizon: float) -> Floats:
     with np.errstate(all="ignore"):
         here = np.abs(model.vector_field(z0))
         rates = [np.abs(model.vector_field(z0 + move)) for move in moves]
-    found = []
+    reach = []
     for i, (a, b) in enumerate(places):
         others = [here, *(rate for j, rate in enumerate(rates) if j != i)]
         fastest = max((x for rate in others for x in rate[a:b] if x < np.inf), default=0.0)
-        found.append(horizon * fastest if fastest > 0.0 else np.inf)
-    return np.array(found)
+        reach.append(horizon * fastest if fastest > 0.0 else np.inf)
+    return np.array(reach)
 
 
 def _changes(model: System, z0: Floats, length: Floats, ways: Floats) -> tuple[Floats, Floats]:

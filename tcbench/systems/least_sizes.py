@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
 from ..compiler.arrays import total
-from ..compiler.once import cached_property
+from ..compiler.caches import cached_property
 from .least import measured
 from .over_spaces import OverSpaces
 from .state import blocks_of, fixed
@@ -75,8 +75,8 @@ class LeastSizes(OverSpaces):
 
     def sizes(self, z: Any) -> list[Any]:
         """What increments are measured by, variable by variable, entry by entry: its largest entry, or `least`."""
-        found = []
+        blocks = []
         for block, at_least in zip(blocks_of(cast("System", self), z), self.least, strict=False):
             largest = (total("max", abs(x), x.space) for x in entries(block))
-            found.append(refilled(block, [reduce(trace.maximum, largest, at_least)] * len(entries(block))))
-        return found
+            blocks.append(refilled(block, [reduce(trace.maximum, largest, at_least)] * len(entries(block))))
+        return blocks

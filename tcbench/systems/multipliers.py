@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler.once import cached_property
+from ..compiler.caches import cached_property
 from ..errors import TcbenchError
 from .constrained import check_positions
 from .sparse_jacobian import sparse_slopes
@@ -144,8 +144,8 @@ def sizes(system: System) -> dict[str, int]:
     """How many constraints each multiplier holds."""
     z = np.ones(system.size)
     with np.errstate(all="ignore"):
-        found = system.constraints(system.state(z))
-    return {name: len(np.ravel(np.asarray(found[name]))) for name in system.multipliers}
+        values = system.constraints(system.state(z))
+    return {name: len(np.ravel(np.asarray(values[name]))) for name in system.multipliers}
 
 
 def multipliers(system: System) -> Multipliers | None:
@@ -166,12 +166,12 @@ def check_start(system: System, z0: Any) -> None:
     check_positions(system)
     allowed = KEPT * (1.0 + float(np.abs(z0).max()))
     for rate in (False, True):
-        found = np.asarray(system.constraint_speeds(z0) if rate else system.constraint_values(z0))
-        k = int(np.argmax(np.where(np.isnan(found), np.inf, np.abs(found))))
-        if not abs(found[k]) <= allowed:
+        residual = np.asarray(system.constraint_speeds(z0) if rate else system.constraint_values(z0))
+        k = int(np.argmax(np.where(np.isnan(residual), np.inf, np.abs(residual))))
+        if not abs(residual[k]) <= allowed:
             raise TcbenchError(
                 f"System {system.name!r}: at the start {'the rate of constraints(z)' if rate else 'constraints(z)'} is "
-                f"{found[k]:.2g}, not 0 ({solved.told(k)}): {_cure(system, solved, z0)}"
+                f"{residual[k]:.2g}, not 0 ({solved.told(k)}): {_cure(system, solved, z0)}"
             )
     inertia = solved.at(z0)[3]
     own = np.abs(inertia.diagonal())

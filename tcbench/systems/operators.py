@@ -26,16 +26,16 @@ class ShapeGradient:
 
     def __matmul__(self, v: Any) -> Any:
         rate = self.system.fresh("rate", "position")
-        found = trace.along(list(entries(self.values)), _pairs(self.variables, rate))
-        return refilled(self.values, self._here(found, rate, v))
+        rates = trace.along(list(entries(self.values)), _pairs(self.variables, rate))
+        return refilled(self.values, self._here(rates, rate, v))
 
     def __rmatmul__(self, stress: Any) -> Any:
         held = self.system.fresh("stress", "element")
-        found = chain_rule.gradient(trace.lifted((held * self.values).sum()), entries(self.variables))
-        return refilled(self.variables, self._here(found, held, stress))
+        slopes = chain_rule.gradient(trace.lifted((held * self.values).sum()), entries(self.variables))
+        return refilled(self.variables, self._here(slopes, held, stress))
 
-    def _here(self, found: Any, variables: Any, values: Any) -> Any:
-        return trace.substitute(found, _pairs(self.variables, self.q) | _pairs(variables, values))
+    def _here(self, formulas: Any, variables: Any, values: Any) -> Any:
+        return trace.substitute(formulas, _pairs(self.variables, self.q) | _pairs(variables, values))
 
 
 def _pairs(variables: Any, values: Any) -> dict[Any, Any]:

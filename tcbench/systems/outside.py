@@ -40,10 +40,10 @@ def driven(dE: Any, rates: dict[str, Any], **forces: Any) -> dict[str, Any]:
                 f"driven() has a force on {name!r}, which has no rate: give it by the name of its momentum, one of "
                 f"{', '.join(rates)}."
             )
-        given = np.stack(force) if isinstance(force, list | tuple) else force
-        terms = given * getattr(dE, name)
+        stacked = np.stack(force) if isinstance(force, list | tuple) else force
+        terms = stacked * getattr(dE, name)
         power = power + (terms.sum() if hasattr(terms, "sum") else terms)  # of a single number it is one term
-        rates[name] = rates[name] + given * dE.work
+        rates[name] = rates[name] + stacked * dE.work
     return rates | {"clock": dE.work, "work": -dE.clock - power}
 
 
@@ -63,8 +63,8 @@ def supplied(run: Trajectory) -> dict[str, NDArray[np.float64]]:
     z = model.state(run.z)
     if not is_open(model):
         raise TcbenchError(f"{model.name!r} has no outside: its variables have no 'clock' and 'work' (docs/solids.md).")
-    found = {"work": z.work[0] - z.work}
+    energies = {"work": z.work[0] - z.work}
     if "heat" in model.variables:
         theta = model.state(model.gradient(run.z)).heat
-        found["heat"] = ((z.heat[0] - z.heat) * theta).reshape(len(run.t), -1).sum(axis=1)
-    return found
+        energies["heat"] = ((z.heat[0] - z.heat) * theta).reshape(len(run.t), -1).sum(axis=1)
+    return energies

@@ -20,8 +20,8 @@ from ..compiler.array_mesh import Block, Mesh
 from ..compiler.array_states import Blocks, entries, fitted, refilled
 from ..compiler.array_symbols import ArraySymbol, TableSymbol
 from ..compiler.arrays import NUMBER, count, variable
+from ..compiler.caches import LOCK, cached, cached_property
 from ..compiler.kernels import Kernel, constant_part, kernel, placed
-from ..compiler.once import LOCK, cached_property, once
 from ..compiler.symbols import Symbol, const
 from ..compiler.tables import numbered
 from ..errors import TcbenchError
@@ -62,7 +62,7 @@ class OverSpaces(Traced):
     def _measured(self, values: Mapping[str, Any]) -> None:
         """Sizes of the spaces and the tables from the values of the constants; shapes become numbers."""
         cls = type(self)
-        sizes, given = dict[str, int](), dict[str, str]()
+        sizes, first_constant = dict[str, int](), dict[str, str]()
         for name, declared in {**cls.constants, **cls.tables}.items():
             space = space_of(declared)
             if not space:
@@ -74,9 +74,9 @@ class OverSpaces(Traced):
             size = len(values[name])
             if sizes.setdefault(space, size) != size:
                 raise TcbenchError(
-                    f"Constant {name!r} is given for {size} {space}s, and {given[space]!r} for {sizes[space]}."
+                    f"Constant {name!r} is given for {size} {space}s, and {first_constant[space]!r} for {sizes[space]}."
                 )
-            given.setdefault(space, name)
+            first_constant.setdefault(space, name)
         wanted = [*map(space_of, cls.declared_variables().values()), *(d[-1] for d in cls.tables.values())]
         for space in (part for whole in wanted if whole for part in whole.split("+")):
             if space not in sizes:
@@ -88,9 +88,9 @@ class OverSpaces(Traced):
         self.__dict__["constants"] = {n: (sizes[d[0]], *d[1:]) if space_of(d) else d for n, d in cls.constants.items()}
         self._set_variables(sizes)
         for name, (source, *columns, target) in cls.tables.items():
-            found = _whole(name, values[name], (sizes[source], *columns), target, sizes)
+            table = _whole(name, values[name], (sizes[source], *columns), target, sizes)
             counts = tuple(sizes[part] for part in target.split("+"))
-            self.__dict__[name] = numbered(found, counts, cls._summed(target))
+            self.__dict__[name] = numbered(table, counts, cls._summed(target))
 
     @classmethod
     def _summed(cls, target: str) -> tuple[int, ...]:
@@ -111,16 +111,16 @@ class OverSpaces(Traced):
 
     @property
     def structure(self) -> tuple[Any, ...]:
-        found = super().structure
-        return (*found, self.large, self.mesh_mark) if self.spaces else found
+        key = super().structure
+        return (*key, self.large, self.mesh_mark) if self.spaces else key
 
     @cached_property
     def mesh_mark(self) -> str:
         """Hash of the tables."""
-        found = hashlib.sha256(repr(sorted(self.spaces.items())).encode())
+        digest = hashlib.sha256(repr(sorted(self.spaces.items())).encode())
         for name in self.tables:
-            found.update(np.asarray(getattr(self, name)).tobytes())
-        return found.hexdigest()
+            digest.update(np.asarray(getattr(self, name)).tobytes())
+        return digest.hexdigest()
 
     @property
     def kept(self) -> tuple[str, ...]:
@@ -134,13 +134,13 @@ class OverSpaces(Traced):
                 "and tables of who belongs to whom: its formulas are then traced on arrays, whatever the size "
                 "(docs/add-system.md, Systems of any size)."
             )
-        found: Self = super().with_symbols()
-        if self.spaces and "mesh" not in found.__dict__:
+        symbolic: Self = super().with_symbols()
+        if self.spaces and "mesh" not in symbolic.__dict__:
             if not self.large:
                 self.by_arrays.check()
-            found.__dict__.setdefault("by_arrays", self.by_arrays)
-            found.__dict__.setdefault("mesh", self.mesh)  # last: by this another thread sees that nothing is missing
-        return found
+            symbolic.__dict__.setdefault("by_arrays", self.by_arrays)
+            symbolic.__dict__.setdefault("mesh", self.mesh)  # last: by this another thread sees that nothing is missing
+        return symbolic
 
     def name_constants(self) -> None:
         """Of a large one when they are first asked for: only matrices are traced entry by entry there."""
@@ -220,8 +220,8 @@ class OverSpaces(Traced):
                 "np.concatenate([z.q, z.p, z.s]) makes one",
             )
         likes = [fresh(name, d) for name, d in declared.items()]
-        found = [fitted(x, like, repr(n)) for x, like, n in zip(values.blocks, likes, declared, strict=True)]
-        return Blocks(found, self.block_numbers())
+        blocks = [fitted(x, like, repr(n)) for x, like, n in zip(values.blocks, likes, declared, strict=True)]
+        return Blocks(blocks, self.block_numbers())
 
     def block_numbers(self) -> dict[str, int]:
         """Which block of a state of arrays each variable is."""
@@ -232,28 +232,28 @@ class OverSpaces(Traced):
         return list(_blocks(value))
 
     def compiled(
-        self, given: Sequence[Any], values: Sequence[Any], hoisted: Sequence[Symbol] = (), in_rows: int = 0
+        self, arguments: Sequence[Any], values: Sequence[Any], hoisted: Sequence[Symbol] = (), in_rows: int = 0
     ) -> Kernel | ArrayKernel:
         """A kernel of states and numbers, to states and numbers: in a what is given, in b the constants, and behind
         these what was hoisted of them. In loops where this is what all sizes are traced on; nothing is hoisted then."""
         if self.by_array:
-            return array_kernel({"a": self.blocks([*given]), "b": self.constant_blocks()}, self.blocks([*values]))
-        known = self.constant_symbols() | placed("b", hoisted, self.n_constant_values)
-        return kernel(placed("a", entries(*given)) | known, list(map(trace.lifted, entries(*values))), in_rows)
+            return array_kernel({"a": self.blocks([*arguments]), "b": self.constant_blocks()}, self.blocks([*values]))
+        constants = self.constant_symbols() | placed("b", hoisted, self.n_constant_values)
+        return kernel(placed("a", entries(*arguments)) | constants, list(map(trace.lifted, entries(*values))), in_rows)
 
-    def hoisted(self, bodies: Iterable[Sequence[Any]], given: Sequence[Any]) -> list[Symbol]:
+    def hoisted(self, bodies: Iterable[Sequence[Any]], arguments: Sequence[Any]) -> list[Symbol]:
         """What values, as of `compiled`, compute of constants alone: once a run, not once a step."""
         if self.by_array:
             return []
-        return constant_part([trace.lifted(x) for values in bodies for x in entries(*values)], entries(*given))
+        return constant_part([trace.lifted(x) for values in bodies for x in entries(*values)], entries(*arguments))
 
     def constant_blocks(self, h: Symbol | None = None) -> list[Block]:
         """What stands in `constant_values`: the time step, which few formulas read, and what is not switched off."""
-        found = [Block(NUMBER, (h,))]
+        blocks = [Block(NUMBER, (h,))]
         for name, declared in type(self).constants.items():
             symbols = (None if x.op == "const" else x for x in entries(getattr(self, name)))
-            found.append(Block(space_of(declared), tuple(symbols)))
-        return [*found, Block(NUMBER, tuple(self.least))]
+            blocks.append(Block(space_of(declared), tuple(symbols)))
+        return [*blocks, Block(NUMBER, tuple(self.least))]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         if self.large and body.__name__ in WHOLE and self.size > traced.MOST_WHOLE:
@@ -266,20 +266,20 @@ class OverSpaces(Traced):
             return super()._kernel(body, sizes)
         key = (self.structure, body, sizes)
         if key not in traced._KERNELS:
-            made, single = _body_kernel(self.by_arrays, body, len(sizes))
-            found = made.kernel(self.mesh)
-            traced._KERNELS[key] = found, () if single else (found.size,)
+            loops, single = _body_kernel(self.by_arrays, body, len(sizes))
+            kernel = loops.kernel(self.mesh)
+            traced._KERNELS[key] = kernel, () if single else (kernel.size,)
         return traced._KERNELS[key]
 
 
-@once
+@cached
 def _body_kernel(net: Any, body: Callable[..., Any], states: int) -> tuple[ArrayKernel, bool]:
     """The kernel of a formula of so many states, for all sizes, and whether it gives one number."""
     with trace.tracing():
-        given = [net.fresh_state(f"z{k}") for k in range(states)]
-        result = body(net, *given)
+        arguments = [net.fresh_state(f"z{k}") for k in range(states)]
+        result = body(net, *arguments)
         single = not isinstance(result, Blocks | ArraySymbol) and not np.ndim(result)
-        return net.compiled(given, [result]), single
+        return net.compiled(arguments, [result]), single
 
 
 def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Ints:
@@ -301,9 +301,9 @@ def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
         raise TcbenchError(
             f"The table {name!r} names {target}s from 0 to {count - 1}; it has {numbers.min():g} to {numbers.max():g}."
         )
-    found = numbers.astype(np.int64)
-    found.setflags(write=False)
-    return found
+    table = numbers.astype(np.int64)
+    table.setflags(write=False)
+    return table
 
 
 def fresh(name: str, declared: tuple[Any, ...]) -> Any:

@@ -30,8 +30,8 @@ def links(model: System) -> list[list[int]]:
         return []
     pairs = list(combinations(range(points.shape[1]), 2))
     squares = np.array([((points[:, a] - points[:, b]) ** 2).sum(axis=1) for a, b in pairs])
-    found = [np.flatnonzero(np.all(np.isclose(squares, measure), axis=1)) for measure in measures.T]
-    return [list(pairs[match[0]]) for match in found] if all(len(match) for match in found) else []
+    matches = [np.flatnonzero(np.all(np.isclose(squares, measure), axis=1)) for measure in measures.T]
+    return [list(pairs[match[0]]) for match in matches] if all(len(match) for match in matches) else []
 
 
 def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
@@ -49,15 +49,15 @@ def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
         return [], []
     if ends.shape[1] > 2 * MOST:
         return [], []
-    places, first, found = [np.zeros((len(states), 2))], [], []
+    places, first, joint_of_end = [np.zeros((len(states), 2))], [], []
     for k in range(ends.shape[1]):
         same = (i for i, place in enumerate(places) if np.array_equal(place, ends[:, k], equal_nan=True))
         joint = next(same, len(places))
         if joint == len(places):
             places.append(ends[:, k])
             first.append(k)
-        found.append(joint)
-    return [found[i : i + 2] for i in range(0, len(found), 2)], first
+        joint_of_end.append(joint)
+    return [joint_of_end[i : i + 2] for i in range(0, len(joint_of_end), 2)], first
 
 
 def drawn(model: System, z0: Any, z: Any) -> dict[str, NDArray[np.float64]]:
@@ -94,12 +94,12 @@ def _ends(model: System, states: Any, said: str, lines: int) -> NDArray[np.float
     """What `points` gives at each of the states, or positions; lines: so many of them, -1 for any number."""
     rows = [model.points(model.state(row) if lines < 0 else row) for row in states]
     try:
-        found = np.array([[np.array(line, dtype=float) for line in row] for row in rows])
+        ends = np.array([[np.array(line, dtype=float) for line in row] for row in rows])
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape[2:] != (2, 2) or lines not in (-1, found.shape[1]):
+        ends = np.zeros(0)
+    if ends.shape[2:] != (2, 2) or lines not in (-1, ends.shape[1]):
         raise TcbenchError(
-            f"{said} of the system {model.name!r} gave shape {found.shape[1:]}; the two ends of each line in the plane "
+            f"{said} of the system {model.name!r} gave shape {ends.shape[1:]}; the two ends of each line in the plane "
             f"are needed, shape {(max(lines, 1), 2, 2)}."
         )
-    return found
+    return ends

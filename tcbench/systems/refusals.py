@@ -14,8 +14,8 @@ import numpy as np
 from ..compiler import derivatives as trace
 from ..compiler.arrays import LINEAR
 from ..compiler.cut import degrees
-from ..compiler.sentences import refused, where_in_user_code
 from ..compiler.symbols import Symbol
+from ..compiler.trace_errors import refused, where_in_user_code
 from ..errors import TcbenchError, expect_words, unknown_name
 from .declaration import is_column, taken
 
@@ -166,15 +166,15 @@ def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
     rates = [line]
     for _ in range(MOST_DEGREE + 1):
         rates.append(trace.jacobian([rates[-1]], [t])[0, 0])
-    given = [s for s in trace.topological(rates) if s.op == "var"]
+    variables = [s for s in trace.topological(rates) if s.op == "var"]
     scope = namespace()
-    exec(straight_line(placed("a", given), rates), scope)
-    rng, found = np.random.default_rng(0), np.empty((POINTS, len(rates)))
+    exec(straight_line(placed("a", variables), rates), scope)
+    rng, table = np.random.default_rng(0), np.empty((POINTS, len(rates)))
     with np.errstate(all="ignore"):
-        for values in found:
-            scope["kernel"](rng.uniform(0.5, 1.5, len(given)), None, values)
-    known = np.isfinite(found).all(axis=1)
-    return bool(known.any() and np.all(np.abs(found[known, -1]) <= ROUND_OFF * np.abs(found[known]).max(axis=1)))
+        for values in table:
+            scope["kernel"](rng.uniform(0.5, 1.5, len(variables)), None, values)
+    finite = np.isfinite(table).all(axis=1)
+    return bool(finite.any() and np.all(np.abs(table[finite, -1]) <= ROUND_OFF * np.abs(table[finite]).max(axis=1)))
 
 
 def _line(system: System, *names: str) -> str:

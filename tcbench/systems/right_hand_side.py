@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..compiler.caches import cached_property
 from ..compiler.derivatives import INFINITE
-from ..compiler.once import cached_property
 from ..compiler.ops import NAMED, completed
 from ..errors import TcbenchError
 from .constrained import MOST_REDUCED
@@ -66,9 +66,9 @@ class Field:
         """d rate/dz, shape (n, n), in one array that every call fills anew; of a large system in a new one."""
         if self.system.large:
             return self._sparse(z).toarray()
-        address, found, flat = self._jacobian
+        address, matrix, flat = self._jacobian
         self._evaluate(address, z, self.c, flat)
-        return found
+        return matrix
 
     @cached_property
     def _sparse(self) -> Callable[[Any], Any]:
@@ -79,8 +79,8 @@ class Field:
     @cached_property
     def _jacobian(self) -> tuple[int, Any, Any]:
         """Address of the kernel and the array, as it is and flat; for those that ask."""
-        found = np.empty((self.size, self.size))
-        return self.system.kernel("jacobian")[0].address, found, found.reshape(-1)
+        matrix = np.empty((self.size, self.size))
+        return self.system.kernel("jacobian")[0].address, matrix, matrix.reshape(-1)
 
 
 def expressions(

@@ -198,16 +198,16 @@ class Scenario:
             elif name in self.initial:
                 settings["initial"] = {**settings.get("initial", self.initial), name: value}
             else:
-                known = [n for n in SETTINGS if n in self.model.initial_data or n not in (*ELEMENTS, "initial")]
-                raise unknown_name("setting of a scenario", name, [*known, *constants, *self.initial])
+                own = [n for n in SETTINGS if n in self.model.initial_data or n not in (*ELEMENTS, "initial")]
+                raise unknown_name("setting of a scenario", name, [*own, *constants, *self.initial])
         if "dt" not in changes and "t_end" in changes:
             settings["dt"] = min(self.dt, positive("t_end", changes["t_end"]))
         if not set(changes) <= set(LENGTHS):
             return dataclass_replace(self, constants=constants, **{"name": self.name, **settings})
-        found = copy.copy(now := self.current())  # of the same system and start: what is kept of these serves both
-        vars(found).update(settings, _cache=now._cache)
-        found._check_lengths()
-        return found
+        changed = copy.copy(now := self.current())  # of the same system and start: what is kept of these serves both
+        vars(changed).update(settings, _cache=now._cache)
+        changed._check_lengths()
+        return changed
 
     def as_dict(self) -> dict[str, Any]:
         """The data that determine a run, JSON-able."""
@@ -221,19 +221,19 @@ class Scenario:
 
     def data(self) -> dict[str, Any]:
         """Every number of it, JSON-able, and its system; not what it is called or what is said of it."""
-        found = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in SAID}
-        found |= {"system": f"{self.system.name} {self.system.__qualname__}", "constants": self.as_dict()["constants"]}
-        return {name: list(value) if isinstance(value, tuple) else value for name, value in found.items()}
+        parts = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in SAID}
+        parts |= {"system": f"{self.system.name} {self.system.__qualname__}", "constants": self.as_dict()["constants"]}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in parts.items()}
 
     def numbers(self) -> dict[str, float]:
         """Constants and initial values by name, those of arrays with their index: coupling, stiffness0, stiffness1."""
         initial = {name: getattr(self, name) for name in self.model.initial_data if name != "initial"}
-        found: dict[str, float] = {}
+        by_name: dict[str, float] = {}
         constants = {name: value for name, value in self.constants.items() if name not in self.system.tables}
         for name, value in {**constants, **initial, **self.initial}.items():
             values = np.ravel(np.asarray(value, dtype=float)).tolist()
-            found |= {name: values[0]} if np.ndim(value) == 0 else {f"{name}{i}": x for i, x in enumerate(values)}
-        return found
+            by_name |= {name: values[0]} if np.ndim(value) == 0 else {f"{name}{i}": x for i, x in enumerate(values)}
+        return by_name
 
     @property
     def hash(self) -> str:

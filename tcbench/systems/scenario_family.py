@@ -87,13 +87,13 @@ class ScenarioFamily:
         chosen = {**self.defaults, **values}
         if self.sample is not None:
             ranges = {name: limits.narrowed(name, chosen[name]) for name, limits in self.ranges.items()}
-            made = self.sample(Draw(seed_of(chosen["seed"]), ranges))
+            scenario = self.sample(Draw(seed_of(chosen["seed"]), ranges))
             chosen = {"seed": str(seed_of(chosen["seed"]))} | {n: str(r) for n, r in ranges.items() if n in values}
             chosen = {n: v for n, v in chosen.items() if n == "seed" or v != self.defaults[n]}
         else:
-            made = _imported(self.make)(**{name: self._read(name, text) for name, text in chosen.items()})
+            scenario = _imported(self.make)(**{name: self._read(name, text) for name, text in chosen.items()})
         label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()) if v)  # "" is what a kind does without
-        named = copy.copy(made)  # its numbers have been checked: hundreds of members are made at a time
+        named = copy.copy(scenario)  # its numbers have been checked: hundreds of members are made at a time
         object.__setattr__(named, "name", f"{self.name}[{label}]")
         object.__setattr__(named, "plugin", self.plugin)
         return named
@@ -173,8 +173,8 @@ def around(scenario: Scenario, ranges: Mapping[str, Range] | None = None) -> Sce
             initial = {name: moved(value, draw, "initial") for name, value in scenario.initial.items()}
             try:
                 return replace(scenario, constants=constants, initial=initial)
-            except TcbenchError as found:
-                error = found
+            except TcbenchError as refusal:
+                error = refusal
         raise error
 
     return ScenarioFamily(

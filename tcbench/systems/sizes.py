@@ -36,9 +36,7 @@ def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
         return
     n, m = system.n_positions, system.n_elements
     each, one = f"it gives {m} numbers, one for each element", "it gives one number"
-    pi, s = (
-        _checked(system, name, [(m,)], each, *given) for name, given in (("shape", [q]), ("entropies", [q, theta]))
-    )
+    pi, s = (_checked(system, name, [(m,)], each, *args) for name, args in (("shape", [q]), ("entropies", [q, theta])))
     _checked(system, "element_energy", [(m,)], each, pi, s)
     _checked(system, "conduction", [(m,)], each, theta)
     for name, count, of in (("inertia", n, "position"), ("entropy_scale", m, "element")):
@@ -77,6 +75,6 @@ def _called(system: ElementSystem, name: str, *arguments: Any) -> Any:
         ) from error
 
 
-def _refused(system: ElementSystem, name: str, found: Any, wanted: str) -> TcbenchError:
-    what = f"an array of shape {found}" if isinstance(found, tuple) else f"{found!r:.60}"
+def _refused(system: ElementSystem, name: str, value: Any, wanted: str) -> TcbenchError:
+    what = f"an array of shape {value}" if isinstance(value, tuple) else f"{value!r:.60}"
     return TcbenchError(f"{type(system).__name__}: {name}() gives {what.replace('shape ()', 'no axis')}; {wanted}.")

@@ -40,8 +40,8 @@ def sparse_slopes(system: System, formula: Formula, states: int = 1) -> Callable
     first = np.searchsorted(key, np.arange(m + 1) * n)
     index = key % n
 
-    def slopes(*given: Any) -> Any:
-        at = np.concatenate(given).astype(float)
+    def slopes(*arguments: Any) -> Any:
+        at = np.concatenate(arguments).astype(float)
         values = entries_of(at, system.constant_values)[: len(places)]
         return csr_matrix((np.bincount(places, values, len(key)), index, first), shape=(m, n))
 
@@ -54,33 +54,33 @@ def _entries(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any,
     if symbolic.large and not (formula is vector_field and symbolic.multipliers):
         return _by_arrays(symbolic, formula, states)
     with trace.tracing():
-        given = [trace.variables(f"z{k}", symbolic.size) for k in range(states)]
-        values = list(map(trace.lifted, entries(formula(symbolic, *map(symbolic.state, given)))))
-        found = trace.sparse_jacobian(values, list(given[-1]))
-        terms = [(i, j, slope) for i, row in enumerate(found) for j, slope in row.items()]
-        inputs = placed("a", np.concatenate(given)) | symbolic.constant_symbols()
-        made = kernel(inputs, [slope for _, _, slope in terms])
+        arguments = [trace.variables(f"z{k}", symbolic.size) for k in range(states)]
+        values = list(map(trace.lifted, entries(formula(symbolic, *map(symbolic.state, arguments)))))
+        rows_of_slopes = trace.sparse_jacobian(values, list(arguments[-1]))
+        terms = [(i, j, slope) for i, row in enumerate(rows_of_slopes) for j, slope in row.items()]
+        inputs = placed("a", np.concatenate(arguments)) | symbolic.constant_symbols()
+        slopes_kernel = kernel(inputs, [slope for _, _, slope in terms])
     rows, columns = (np.array([term[k] for term in terms], np.int64) for k in range(2))
-    return made, rows, columns, len(values)
+    return slopes_kernel, rows, columns, len(values)
 
 
 def _by_arrays(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any, Any, int]:
     """As of any system, in loops."""
     net, mesh = symbolic.by_arrays, symbolic.mesh
     with trace.tracing():
-        given = [net.fresh_state(f"z{k}") for k in range(states)]
-        x, blocks = entries(given[-1]), net.blocks(given[-1])
-        values = net.blocks(formula(net, *given))
+        arguments = [net.fresh_state(f"z{k}") for k in range(states)]
+        x, blocks = entries(arguments[-1]), net.blocks(arguments[-1])
+        values = net.blocks(formula(net, *arguments))
         ours = [Block(b.space, tuple(variable("row", b.space) for _ in b.symbols)) for b in values]
         # less an array, so that each entry has a row also where all have one number for their rate
         rows = [trace.sub(trace.lifted(f), trace.lifted(row)) for b, own in zip(values, ours, strict=True)
                 for f, row in zip(b.symbols, own.symbols, strict=True)]  # fmt: skip
-        found = jacobian_terms(rows, x)
-        flat = [(i + len(x), term, slope) for i, row in enumerate(found) for term, slope in row.items()]
-        inputs = {"a": net.blocks([*given]), "b": net.constant_blocks()}
-        made = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
+        slopes = jacobian_terms(rows, x)
+        flat = [(i + len(x), term, slope) for i, row in enumerate(slopes) for term, slope in row.items()]
+        inputs = {"a": net.blocks([*arguments]), "b": net.constant_blocks()}
+        loops = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
     there = scattered(mesh, [*blocks, *ours], [(i, term) for i, term, _ in flat])
     count, n = len(there.rows), mesh.offsets(blocks)[-1]
     places = there.places(np.arange(count), count)
-    kernel_ = made.kernel(mesh.with_entries(count), places, extra=1)
+    kernel_ = loops.kernel(mesh.with_entries(count), places, extra=1)
     return kernel_, there.rows - n, there.columns, mesh.offsets(ours)[-1]

@@ -75,8 +75,8 @@ class State(np.ndarray):
         try:
             first, end, shape = self.__dict__["layout"][name]
         except KeyError:
-            known = ", ".join(self.__dict__.get("layout", {})) or "none"
-            raise AttributeError(f"a state has no variable {name!r}; its variables: {known}") from None
+            names = ", ".join(self.__dict__.get("layout", {})) or "none"
+            raise AttributeError(f"a state has no variable {name!r}; its variables: {names}") from None
         block = self.view(SymbolArray if self.dtype == object else np.ndarray)[..., first:end]
         if shape == ():
             return block[..., 0][()]
@@ -85,11 +85,11 @@ class State(np.ndarray):
 
 def laid_out(variables: Mapping[str, tuple[int, ...]]) -> Layout:
     """Where each variable stands in z."""
-    found, first = {}, 0
+    layout, first = {}, 0
     for name, shape in variables.items():
         end = first + int(np.prod(shape))
-        found[name], first = (first, end, tuple(shape)), end
-    return found
+        layout[name], first = (first, end, tuple(shape)), end
+    return layout
 
 
 def blocks_of(system: System, z: Any) -> list[Any]:

@@ -71,13 +71,13 @@ def _free(model: Any, variable: str, held: Any) -> Any:
     first, end, shape = model.layout[variable]
     mask, own = np.zeros(model.size, dtype=bool), np.ones(shape, dtype=bool)
     if held is not None:
-        given = np.asarray(held)
-        if given.dtype != bool or not given.ndim or given.shape != shape[: given.ndim]:
+        mask_of_held = np.asarray(held)
+        if mask_of_held.dtype != bool or not mask_of_held.ndim or mask_of_held.shape != shape[: mask_of_held.ndim]:
             raise TcbenchError(
                 f"held is True or False for each number of {variable!r}, shape {shape}, or for each entry of its first "
                 f"axis; it has shape {np.shape(held)}."
             )
-        own &= ~given.reshape(*given.shape, *(1,) * (len(shape) - given.ndim))
+        own &= ~mask_of_held.reshape(*mask_of_held.shape, *(1,) * (len(shape) - mask_of_held.ndim))
     mask[first:end] = own.ravel()
     return mask
 

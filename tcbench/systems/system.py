@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ..compiler import chain_rule
 from ..compiler import derivatives as trace
 from ..compiler.array_states import entries, refilled
+from ..compiler.caches import cached_property
 from ..compiler.cut import Cut
-from ..compiler.once import cached_property
 from ..errors import TcbenchError, unknown_name
 from . import constrained
 from .as_written import RETURNED, as_written, derive
@@ -115,8 +115,8 @@ class System(Formulas):
                 raise TcbenchError(f"System {self.name!r} needs a value for the constant {name!r}.")
             setattr(self, name, checked_constant(self, name, shape, values[name]))
         self.formulas = formulas_hash(type(self))
-        given = {name: np.ravel(getattr(self, name)) for name in self.constants}
-        self.zeros = tuple((name, int(i)) for name, x in given.items() for i in np.flatnonzero(x == 0.0))
+        values_of = {name: np.ravel(getattr(self, name)) for name in self.constants}
+        self.zeros = tuple((name, int(i)) for name, x in values_of.items() for i in np.flatnonzero(x == 0.0))
 
     @classmethod
     def defines(cls, name: str) -> bool:
@@ -175,8 +175,8 @@ class System(Formulas):
             raise TcbenchError("all spaces are empty: a state has no numbers.")
         state = self.state(z)  # in plain numpy: a scenario is made without compiling anything
         with np.errstate(all="ignore"):  # what is not finite is said below
-            found = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
-        if not np.all(np.isfinite([*z, *found])):
+            laws = [finite(self, name, getattr(type(self), name).__wrapped__(self, state)) for name in FORMULAS[:2]]
+        if not np.all(np.isfinite([*z, *laws])):
             raise TcbenchError("the initial state, its energy or its entropy is not finite.")
         if not np.all(np.asarray(in_one_row(self.measures(state)), dtype=float) > 0):
             raise TcbenchError(f"what must stay positive is {self.measures(state)} at the start.")
@@ -201,8 +201,8 @@ class System(Formulas):
     def constant_values(self) -> NDArray[np.float64]:
         """(time step, constants in declared order, `least`), shape (n_constant_values,): the second argument of every
         kernel."""
-        known = self.declared_values
-        return fixed(np.concatenate([known[: len(known) - len(self.least)], self.least]))
+        declared = self.declared_values
+        return fixed(np.concatenate([declared[: len(declared) - len(self.least)], self.least]))
 
     @cached_property
     def declared_values(self) -> NDArray[np.float64]:
@@ -228,16 +228,16 @@ class System(Formulas):
     def momenta_gradients(self, z: Any) -> list[State]:
         """Gradients of the invariants, shape (size,) each, on symbols."""
         x = self.unknowns("x")
-        found = [chain_rule.gradient(f, entries(x)) for f in self.momenta(x)]
+        gradients = [chain_rule.gradient(f, entries(x)) for f in self.momenta(x)]
         here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
-        return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in found]
+        return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in gradients]
 
     def momenta_discrete_gradients(self, z0: Any, z1: Any) -> list[State]:
         """Discrete gradients of the invariants, shape (size,) each, on symbols: DJ . (z1 - z0) = J(z1) - J(z0)."""
         x = self.unknowns("x")
         start, step = [*map(trace.lifted, entries(z0))], [*map(trace.lifted, entries(z1 - z0))]
-        found = [chain_rule.discrete_gradient(trace.lifted(f), entries(x), start, step) for f in self.momenta(x)]
-        return [self.state(refilled(x, slopes)) for slopes in found]
+        gradients = [chain_rule.discrete_gradient(trace.lifted(f), entries(x), start, step) for f in self.momenta(x)]
+        return [self.state(refilled(x, slopes)) for slopes in gradients]
 
     @derived
     def invariant_rates(self, z: Any) -> Any:

@@ -27,8 +27,8 @@ class ThermalVariables(Base):
 
     def state(self, values: Any) -> State:
         """As of any system; (q, p, theta) and (q, p, u) keep their names."""
-        known = getattr(values, "layout", None) or getattr(values, "names", None) or ()
-        other = next((name for name in THERMAL.values() if name in known), "")
+        names = getattr(values, "layout", None) or getattr(values, "names", None) or ()
+        other = next((name for name in THERMAL.values() if name in names), "")
         return self.named(values, other) if other else super().state(values)
 
     def named(self, y: Any, last: str) -> State:
@@ -74,13 +74,13 @@ class ThermalVariables(Base):
 
     def in_variables(self, variables: str, z: Any) -> State:
         """z as (q, p, s), or (q, p, theta), or (q, p, u): "entropy", "temperature", "energy"."""
-        made = {"entropy": self.state, "temperature": self.temperature_variables, "energy": self.energy_variables}
-        return self.named(made[variables](z), THERMAL.get(variables, "s"))  # a kernel's numbers have lost the name
+        maps = {"entropy": self.state, "temperature": self.temperature_variables, "energy": self.energy_variables}
+        return self.named(maps[variables](z), THERMAL.get(variables, "s"))  # a kernel's numbers have lost the name
 
     def from_variables(self, variables: str, y: Any) -> State:
         """(q, p, s) from what `in_variables` gives."""
-        made = {"entropy": self.state, "temperature": self.entropy_variables, "energy": self.variables_of_energies}
-        return made[variables](y)
+        maps = {"entropy": self.state, "temperature": self.entropy_variables, "energy": self.variables_of_energies}
+        return maps[variables](y)
 
     def entropy_increments(self, variables: str, y0: State, y1: State) -> Any:
         """s(y1) - s(y0), of states as `in_variables` gives them; an operator on symbols.
@@ -121,21 +121,21 @@ class ThermalVariables(Base):
             s = each(solved, self.element_energy(pi_, s_), s_, y_)
         e = y_ if variables == "energy" else self.element_energy(pi_, s)
         here = dict(zip(entries(pi_, y_), entries(pi, y), strict=True))
-        found = trace.substitute([*map(trace.lifted, entries(e, s))], here)
-        return refilled(pi_, found[: len(entries(pi_))]), refilled(pi_, found[len(entries(pi_)) :])
+        values = trace.substitute([*map(trace.lifted, entries(e, s))], here)
+        return refilled(pi_, values[: len(entries(pi_))]), refilled(pi_, values[len(entries(pi_)) :])
 
     def _entropies_at(self, pi: Any, theta: Any) -> Any:
         """entropies(q, theta), which its author writes in the positions, as a function of the strain measures."""
         q = self.fresh("q", "position")
         shape, s = entries(self.shape(q)), [*map(trace.lifted, entries(self.entropies(q, theta)))]
         here = {node: p for x, p in zip(shape, entries(pi), strict=True) for node in _itself(x)}
-        found = trace.substitute(s, here)
-        if set(trace.depends_on(found, entries(q))) & {x.number for x in trace.topological(found)}:
+        entropies = trace.substitute(s, here)
+        if set(trace.depends_on(entropies, entries(q))) & {x.number for x in trace.topological(entropies)}:
             raise trace.refused(
                 f"entropies() of {self.name!r} sees the positions other than through the strain measures",
                 "A method in temperatures needs them as a function of those: write entropies() in self.shape(q)",
             )
-        return refilled(theta, found)
+        return refilled(theta, entropies)
 
 
 def _itself(x: Any) -> list[trace.Symbol]:

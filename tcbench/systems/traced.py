@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..compiler import derivatives as trace
 from ..compiler.array_states import is_array
 from ..compiler.array_tensors import SymbolArray
-from ..compiler.once import LOCK, cached_property
+from ..compiler.caches import LOCK, cached_property
 from ..compiler.repeats import REMEDY, same_again
 from ..errors import TcbenchError, TraceError, misnamed
 from .state import fixed
@@ -62,8 +62,8 @@ def _check_names(system: Traced, name: str, states: tuple[Any, ...]) -> None:
     if name in OF_ANY:
         return
     for state in states:
-        known = getattr(state, "layout", None) or getattr(state, "names", None) or {}
-        if other := [x for x in known if x not in system.variables]:
+        names = getattr(state, "layout", None) or getattr(state, "names", None) or {}
+        if other := [x for x in names if x not in system.variables]:
             raise trace.refused(
                 f"system.{name} is of ({', '.join(system.variables)}), and gets a state that has {other[0]!r}",
                 "system.entropy_variables(z) makes it of temperatures, system.variables_of_energies(z) of energies",
@@ -73,8 +73,8 @@ def _check_names(system: Traced, name: str, states: tuple[Any, ...]) -> None:
 def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
     """The formula on symbols; what numpy and Python refuse of them is a sentence with the author's line."""
     try:
-        found = body(system, *states)
-        again = body.__name__ != "vector_field" or same_again(found, lambda: body(system, *states))
+        value = body(system, *states)
+        repeatable = body.__name__ != "vector_field" or same_again(value, lambda: body(system, *states))
     except TcbenchError:
         raise
     except Exception as error:
@@ -84,9 +84,9 @@ def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
             f"{where}a formula of {type(system).__name__} cannot be traced: {misnamed(error)}. Formulas are "
             "branch-free numpy on symbols, and what they read of self are constants."
         ) from error
-    if not again:
+    if not repeatable:
         raise TraceError(f"A formula of {type(system).__name__} {REMEDY}.")
-    return found
+    return value
 
 
 class Traced:
@@ -151,8 +151,8 @@ class Traced:
             clone.name_constants()
             clone.__dict__["least"] = self.least_symbols()
             _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
-        known: Self = _SYMBOLIC[key]
-        return known
+        symbolic: Self = _SYMBOLIC[key]
+        return symbolic
 
     def name_constants(self) -> None:
         """Symbols in the place of constants, of one that has none yet."""
@@ -214,7 +214,7 @@ class Traced:
                     _KERNELS[key] = self._traced(body, sizes, straight)
         return _KERNELS[key]
 
-    def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], made: Callable[..., Any]) -> tuple[Any, Any]:
+    def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], lower: Callable[..., Any]) -> tuple[Any, Any]:
         """made(inputs, outputs) of a function of states of these sizes, one after the other in a; and its shape."""
         symbolic = self.symbolic  # its symbols come first, whoever made them
         from ..compiler.kernels import placed
@@ -223,7 +223,7 @@ class Traced:
             unknown = trace.variables("x", sum(sizes))
             result = np.asarray(_run(body, symbolic, *np.split(unknown, np.cumsum(sizes)[:-1])))
             outputs = [trace.lifted(x) for x in result.ravel()]
-            return made(placed("a", unknown) | self.constant_symbols(), outputs), result.shape
+            return lower(placed("a", unknown) | self.constant_symbols(), outputs), result.shape
 
     def _body(self, name: str) -> Callable[..., Any]:
         body: Callable[..., Any] | None = getattr(getattr(type(self), name, None), "__wrapped__", None)

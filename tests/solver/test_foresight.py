@@ -12,7 +12,7 @@ from tcbench_plugins.net.net import net
 
 import tcbench
 from tcbench import progress
-from tcbench.compiler.once import Spares
+from tcbench.compiler.caches import Spares
 from tcbench.errors import MachineError
 from tcbench.plugins import find_integrator, find_scenario
 from tcbench.runner import plan as planning

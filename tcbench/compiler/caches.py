@@ -27,62 +27,63 @@ def uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def once(make: Callable[..., Made]) -> Callable[..., Made]:
+def cached(make: Callable[..., Made]) -> Callable[..., Made]:
     """As `functools.cache`; of threads that ask for the same at once one makes it, and the others wait."""
-    kept = cache(make)
+    values = cache(make)
 
     @wraps(make)
-    def found(*arguments: object) -> Made:
+    def lookup(*arguments: object) -> Made:
         with LOCK:
-            return kept(*arguments)
+            return values(*arguments)
 
-    found.cache_clear = kept.cache_clear  # type: ignore[attr-defined]
-    return found
+    lookup.cache_clear = values.cache_clear  # type: ignore[attr-defined]
+    return lookup
 
 
-def once_a_system(make: Callable[..., Made]) -> Callable[..., Made]:
-    """`once` of make(system, ...): what is made, which does not refer to the system, lives as long as that does."""
-    kept: WeakKeyDictionary[Any, dict[tuple[Any, ...], Made]] = WeakKeyDictionary()
+def cached_per_system(make: Callable[..., Made]) -> Callable[..., Made]:
+    """`cached` of make(system, ...). A value lives as long as its system, and does not refer to it."""
+    values_of: WeakKeyDictionary[Any, dict[tuple[Any, ...], Made]] = WeakKeyDictionary()
 
     @wraps(make)
-    def found(system: Any, *rest: Any) -> Made:
-        known = kept.get(system)
-        if known is None or rest not in known:
+    def lookup(system: Any, *rest: Any) -> Made:
+        values = values_of.get(system)
+        if values is None or rest not in values:
             with LOCK:
-                known = kept.setdefault(system, {})
-                if rest not in known:
-                    known[rest] = make(system, *rest)
-        return known[rest]
+                values = values_of.setdefault(system, {})
+                if rest not in values:
+                    values[rest] = make(system, *rest)
+        return values[rest]
 
-    found.cache_clear = kept.clear  # type: ignore[attr-defined]
-    return found
+    lookup.cache_clear = values_of.clear  # type: ignore[attr-defined]
+    return lookup
 
 
 class Spares(Generic[Made]):
-    """What a run has to itself, kept for the next one: make(system, *key(asked)), which does not refer to the system.
-    What is asked for often, as a tolerance is, is found without its key."""
+    """Workspaces make(system, *key(asked)) that one run at a time uses; they do not refer to their system.
+
+    The key of an `asked` that comes often, such as a tolerance, is computed once."""
 
     def __init__(self, make: Callable[..., Made], key: Callable[[Any], tuple[Any, ...]]) -> None:
         self.make, self.key = make, key
         self.free: dict[Any, dict[Any, list[Made]]] = {}  # by weak references to systems
 
     def adaptive(self, system: Any, asked: Any, z0: Any, times: Any, tolerance: float) -> Any:
-        """A run by the `adaptive` of one."""
-        made: Any = None
+        """states, counts = solver.adaptive(z0, times, tolerance) of a free one, or of a new one."""
+        solver: Any = None
         try:
             free = self.free[ref(system)][asked]
-            made = free.pop()  # at once: of two threads each gets another
+            solver = free.pop()  # at once: of two threads each gets another
         except (KeyError, IndexError):
             pass
-        if made is None:  # not in there: errors of what makes one stand alone
-            made, free = self.take(system, asked)
+        if solver is None:  # outside of `except`: an error of `make` has no other one as its context
+            solver, free = self.take(system, asked)
         try:
-            return made.adaptive(z0, times, tolerance)
+            return solver.adaptive(z0, times, tolerance)
         finally:
-            free.append(made)
+            free.append(solver)
 
     def take(self, system: Any, asked: Any) -> tuple[Made, list[Made]]:
-        """One that nobody has, and the list to which it is given back."""
+        """One that no run uses, and the list to which it is given back."""
         lists = self.free.get(ref(system))
         if lists is None:
             lists = self.free.setdefault(ref(system, self.free.pop), {})
@@ -103,5 +104,5 @@ class cached_property(_cached_property[Made]):
     def __get__(self, item: Any, owner: Any = None) -> Self | Made:
         if item is None:
             return self
-        made: Made = vars(item).setdefault(self.attrname, self.func(item))
-        return made
+        value: Made = vars(item).setdefault(self.attrname, self.func(item))
+        return value
