@@ -66,13 +66,13 @@ def kinks_kernel(symbolic: Any):
     with trace.tracing():
         z = symbolic.unknowns("z")
         rates = symbolic.vector_field(z)
-        found = kinks_of(entries(rates), entries(z))
-        if not found:
+        kinks = kinks_of(entries(rates), entries(z))
+        if not kinks:
             return None
         if not symbolic.by_array:
-            return symbolic.compiled([z], [*found, rates])
+            return symbolic.compiled([z], [*kinks, rates])
         into = {"a": symbolic.blocks(z), "b": symbolic.constant_blocks()}
-        return array_kernel(into, [*kink_blocks(found), *symbolic.blocks(rates)])
+        return array_kernel(into, [*kink_blocks(kinks), *symbolic.blocks(rates)])
 
 
 def turns(before: Any, after: Any, h: float) -> list[float]:
@@ -165,9 +165,9 @@ def make(method: str = DEFAULT, tol: str = "asked"):
     )
 
 
-def one_step_methods(known: dict[str, Integrator]):
+def one_step_methods(integrators: dict[str, Integrator]):
     """Every method with a step, the default first."""
-    others = (n for n, i in known.items() if i.kind != "adaptive" and not i.memory and n != DEFAULT)
+    others = (n for n, i in integrators.items() if i.kind != "adaptive" and not i.memory and n != DEFAULT)
     return [DEFAULT, *others]
 
 

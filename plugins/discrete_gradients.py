@@ -47,8 +47,8 @@ def itoh_abe(system: ElementSystem, z0: Any, z1: Any) -> State:
     """Coordinate increments in the order pi, s (Itoh and Abe 1988); not symmetric, so of order 1."""
 
     def slopes(*edges: Any) -> tuple[Any, Any]:
-        found: tuple[Any, Any] = each(lambda e: (e.pi_at_s0, e.s_at_pi1), _corners(system, *edges), count=2)
-        return found
+        quotients: tuple[Any, Any] = each(lambda e: (e.pi_at_s0, e.s_at_pi1), _corners(system, *edges), count=2)
+        return quotients
 
     return by_elements(system, z0, z1, slopes)
 
@@ -70,8 +70,8 @@ def gonzalez(system: ElementSystem, z0: Any, z1: Any) -> State:
         exact = each(symmetrised_slopes, _corners(system, pi0, dpi, s0, ds), count=2)
         weights = np.stack([1.0 / pi**2, 0 * pi + 1.0 / system.entropy_scale() ** 2], axis=1)
         middle = np.stack(system.element_slopes(pi, s), axis=1)
-        found = directional(middle, np.stack([dpi, ds], axis=1), np.stack(exact, axis=1), weights, axis=1)
-        return found[:, 0], found[:, 1]
+        gradient = directional(middle, np.stack([dpi, ds], axis=1), np.stack(exact, axis=1), weights, axis=1)
+        return gradient[:, 0], gradient[:, 1]
 
     return by_elements(system, z0, z1, slopes)
 
@@ -130,8 +130,8 @@ def by_cut(system: System, name: str, z0: Any, z1: Any, slopes: Callable[..., li
     cut = system.cut(name)
     middle = entries((z0 + z1) / 2)
     step = cut.moved(middle, entries(z1 - z0))
-    found = system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), middle)))
-    return found + system.pull_gradient(z0, z1) if system.multipliers and name == "energy" else found
+    gradient = system.state(refilled(z0, cut.joined(slopes(cut, cut.values(entries(z0)), step), middle)))
+    return gradient + system.pull_gradient(z0, z1) if system.multipliers and name == "energy" else gradient
 
 
 EXACT = {"energy", "entropy", "angular_momentum"}

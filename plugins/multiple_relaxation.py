@@ -37,14 +37,14 @@ def stages(order, z0, h, system):
 def orthogonal(system, rates, units):
     """Orthogonal directions of the same span as the rates, (s, n), in units squared; of what is made of those before
     it nothing is left."""
-    found = []
+    basis = []
     for f in rates:
         rest = f
-        for e in (*found, *found):  # twice is enough (Parlett)
+        for e in (*basis, *basis):  # twice is enough (Parlett)
             rest = rest - e * lifted(product(system, e, rest / units))
         square = lifted(product(system, f, f / units))
-        found.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + TINY) ** 0.5)
-    return found
+        basis.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + TINY) ** 0.5)
+    return basis
 
 
 def runge_kutta(order):

@@ -23,19 +23,19 @@ def compiled(system, name, count):
     # with diffrax's own chord method half of all steps are rejected and a run takes 4 to 7 times as long
     method = chosen(root_finder=diffrax.with_stepsize_controller_tols(optimistix.Newton)()) if implicit else chosen()
     functions = {name: getattr(jnp, name) for name in ops.functions() if hasattr(jnp, name)}
-    unknowns, given = range(system.size), range(len(system.constant_values))
+    unknowns, constant_places = range(system.size), range(len(system.constant_values))
 
     def rate(t, z, c):
-        return jnp.stack(expressions(system, [z[i] for i in unknowns], [c[i] for i in given], functions))
+        return jnp.stack(expressions(system, [z[i] for i in unknowns], [c[i] for i in constant_places], functions))
 
     @jax.jit
     def solve(z0, times, constants, rtol, atol):
-        found = diffrax.diffeqsolve(
+        solution = diffrax.diffeqsolve(
             diffrax.ODETerm(rate), method, times[0], times[-1], None, z0, constants,
             saveat=diffrax.SaveAt(ts=times), stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
             max_steps=MOST_STEPS, throw=False,
         )  # fmt: skip
-        return found.ys, found.stats["num_accepted_steps"], found.result
+        return solution.ys, solution.stats["num_accepted_steps"], solution.result
 
     return solve
 
@@ -49,10 +49,10 @@ def diffrax_peer(solver="kvaerno5"):
             key = (system.structure, solver, len(t_eval))
             if key not in _COMPILED:
                 _COMPILED[key] = compiled(system, solver, len(t_eval))
-            given = (
+            arguments = (
                 np.asarray(x, dtype=float) for x in (z0, t_eval, system.constant_values, rtol, system.absolute(atol))
             )
-            states, steps, result = _COMPILED[key](*given)
+            states, steps, result = _COMPILED[key](*arguments)
             states = np.array(states)
         if not result == diffrax.RESULTS.successful:
             raise ArithmeticError(f"diffrax {solver}: {diffrax.RESULTS[result] or 'it gave up'}")

@@ -37,10 +37,10 @@ def program(system, own):
             out[i] = formula if own else f"({formula}) / {each[i]}"
         else:
             lines.append(f"{name} {{ {formula} }}")
-    given = [f"z{i} = 1.0" for i in range(size)] + [f"c{i} = 1.0" for i in range(count)]
+    inputs = [f"z{i} = 1.0" for i in range(size)] + [f"c{i} = 1.0" for i in range(count)]
     state = [f"x{i} = z{i}" for i in range(size)]
     return "\n".join([
-        f"in_i {{ {', '.join(given)} }}", f"u_i {{ {', '.join(state)} }}", *lines,
+        f"in_i {{ {', '.join(inputs)} }}", f"u_i {{ {', '.join(state)} }}", *lines,
         f"F_i {{ {', '.join(out[i] for i in range(size))} }}",
     ])  # fmt: skip
 
@@ -66,14 +66,14 @@ def pydiffsol(solver="bdf"):
         try:
             times = np.ascontiguousarray(t_eval, dtype=float)
             start = z0 if each is None else z0 / each
-            found = ode.solve_dense(np.concatenate([start, system.constant_values]), times).ys.T
+            states = ode.solve_dense(np.concatenate([start, system.constant_values]), times).ys.T
         except RuntimeError as error:
             if not str(error).startswith(GIVEN_UP):
                 raise
             raise ArithmeticError(f"diffsol {solver}: {error}") from error
         finally:
             free.append(ode)
-        return np.ascontiguousarray(found if each is None else found * each), {}
+        return np.ascontiguousarray(states if each is None else states * each), {}
 
     return Integrator(
         name="pydiffsol", adaptive=adaptive, refuses=refuses, source=f"diffsol {solver}", tags={"peer"},

@@ -123,10 +123,10 @@ def onto_laws(system: System, start: Any, end: Any, first: Any = None, by: Flow 
 
 def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[..., Any]:
     def stepped(z: Any, h: float, system: System, *held: Any) -> Any:
-        found = np.asarray(step(z, h, system, *held), dtype=float)
-        if found.shape != np.shape(z):
-            raise ValueError(f"the step returned shape {found.shape}, a state has shape {np.shape(z)}")
-        dz = found if increments else found - z
+        raw = np.asarray(step(z, h, system, *held), dtype=float)
+        if raw.shape != np.shape(z):
+            raise ValueError(f"the step returned shape {raw.shape}, a state has shape {np.shape(z)}")
+        dz = raw if increments else raw - z
         return onto_laws(system, np.asarray(z), z + dz) - z
 
     return stepped
@@ -166,11 +166,11 @@ def project(method=VERLET_HEAT4.name):
     return projected(VERLET_HEAT4 if method == VERLET_HEAT4.name else find_integrator(method))
 
 
-def methods(known):
+def methods(integrators):
     """Those that a projection changes: not adaptive ones that keep the energy already, nor those for one system only.
     Formulas that keep the energy may lose an invariant that is not quadratic."""
     others = (
-        n for n, i in known.items()
+        n for n, i in integrators.items()
         if not i.memory and not i.systems and i.family is not project
         and ("energy" not in i.claims or (i.kind == "flows" and "projected" not in i.tags and i.flows[-1].most == 1))
     )  # fmt: skip

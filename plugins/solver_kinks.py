@@ -28,9 +28,9 @@ MOST_PARTS = 50  # intervals in an interval that are solved in parts, for the sa
 BEHIND = 1e-14  # a kink, over the time
 
 
-def counted(found: Any) -> tuple[Any, dict[str, int]]:
+def counted(answer: Any) -> tuple[Any, dict[str, int]]:
     """States and counts of a solver, which may give the states alone."""
-    return found if isinstance(found, tuple) else (found, {})
+    return answer if isinstance(answer, tuple) else (answer, {})
 
 
 def stopped_at_kinks(

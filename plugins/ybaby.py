@@ -29,8 +29,8 @@ def hamiltonian(system):
     z, dE, dS = (sym.state(trace.variables(name, system.size)) for name in ("z", "E", "S"))
     rate = sym.reversible(z, dE, dS)
     expected = {name: np.ravel(0 * getattr(dE, name)) for name in names} | {"q": np.ravel(dE.p), "p": -np.ravel(dE.q)}
-    found = {name: np.ravel(getattr(rate, name)) for name in names}
-    if any(a is not b for name in names for a, b in zip(found[name], expected[name], strict=True)):
+    actual = {name: np.ravel(getattr(rate, name)) for name in names}
+    if any(a is not b for name in names for a, b in zip(actual[name], expected[name], strict=True)):
         return False
     slope, p = sym.gradient(z), list(np.ravel(z.p))
     rest = [x for name in names if name != "p" for x in np.ravel(getattr(z, name))]

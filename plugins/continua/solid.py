@@ -52,8 +52,8 @@ class Solid(Canonical):
         slope = np.einsum("ga,gai->gi", dE.s[self.of], self.slopes) / self.here(dE.s)[:, None]
         flux = self.conductivity * slope
         along = np.einsum("gi,gai->ga", flux, self.slopes)
-        made = (flux * slope).sum(axis=1)
-        return {"s": self.of.sums(self.weight[:, None] * (made[:, None] * self.shape - along))}
+        heat = (flux * slope).sum(axis=1)
+        return {"s": self.of.sums(self.weight[:, None] * (heat[:, None] * self.shape - along))}
 
     def invariants(self, z: Any) -> Any:
         m, p = np.cross(z.q, z.p).sum(axis=0), z.p.sum(axis=0)

@@ -114,8 +114,8 @@ class DirectorRod(System):
         a, b = dE.s[self.faces].T
         flow = self.conductivity * (b - a)
         conduction = self.faces.sums(np.stack([flow / a, -flow / b], axis=1))
-        made = self.friction * (rate**2).sum(axis=1) / dE.s
-        return {"pi": self.ends.sums(np.stack([-push * other, -push * one], axis=1)), "s": made + conduction}
+        heat = self.friction * (rate**2).sum(axis=1) / dE.s
+        return {"pi": self.ends.sums(np.stack([-push * other, -push * one], axis=1)), "s": heat + conduction}
 
     def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
         return dE.s

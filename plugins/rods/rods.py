@@ -43,9 +43,9 @@ class Rods(Canonical):
         (a, b), v, x = dE.s[self.pairs].T, dE.p[self.pairs], z.q[self.pairs]
         line = x[:, 1] - x[:, 0]
         rate = ((v[:, 1] - v[:, 0]) * line).sum(axis=1)
-        push, made = (self.friction * rate)[:, None] * line, self.friction * rate**2 / 2
+        push, power = (self.friction * rate)[:, None] * line, self.friction * rate**2 / 2
         flow = self.conductivity * (b - a)
-        heat = np.stack([(made + flow) / a, (made - flow) / b], axis=1)
+        heat = np.stack([(power + flow) / a, (power - flow) / b], axis=1)
         return {"p": self.pairs.sums(np.stack([push, -push], axis=1)), "s": self.pairs.sums(heat)}
 
     def exergy_offset(self) -> Any:

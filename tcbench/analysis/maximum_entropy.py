@@ -57,13 +57,13 @@ def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium
         return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
     z0 = np.array(z0, float)
     key = system.structure, system.constant_values.tobytes(), z0.tobytes(), within
-    found = _FOUND.get(key)
-    if found is None:
-        found = _highest(_Surface(system, z0), within)
+    state = _FOUND.get(key)
+    if state is None:
+        state = _highest(_Surface(system, z0), within)
         if len(_FOUND) >= MOST_FOUND:
             _FOUND.clear()  # another thread may be about to read
-        _FOUND[key] = found
-    return found
+        _FOUND[key] = state
+    return state
 
 
 def _highest(surface: _Surface, within: float) -> Equilibrium:
@@ -78,9 +78,9 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
             else:
                 begin = surface.start + REACHES[k // STARTS - 1] * size * rng.standard_normal(len(size))
             other = surface.back(begin)
-        found = best if other is None else _top(surface, other, within, rng)
+        maximum = best if other is None else _top(surface, other, within, rng)
         higher = NEAR * (surface.system.least_entropy + abs(best.entropy))
-        best = found if found.entropy > best.entropy + higher else best
+        best = maximum if maximum.entropy > best.entropy + higher else best
     return best
 
 
@@ -137,8 +137,8 @@ class _Surface:
     def at(self, z: Floats) -> tuple[Floats, Floats, Floats]:
         """Values, gradients and second derivatives of S, E, invariants."""
         m, n = 1 + self.count, len(z)
-        found = self.kernel(np.ascontiguousarray(z), self.system.constant_values)
-        values, slopes, curves = np.split(found, [m, m + m * n])
+        outputs = self.kernel(np.ascontiguousarray(z), self.system.constant_values)
+        values, slopes, curves = np.split(outputs, [m, m + m * n])
         return values, slopes.reshape(m, n), curves.reshape(m, n, n)
 
     def uphill(self, z: Floats, flat: float) -> tuple[Floats, float, Floats | None]:
@@ -166,10 +166,10 @@ class _Surface:
         """The state after the longest of ever shorter parts of a step that is admissible and where S is not below
         `least`, and which part."""
         for halvings in range(50):
-            found = self.back(z + 0.5**halvings * step)
+            point = self.back(z + 0.5**halvings * step)
             lower = 1e-15 * (self.system.least_entropy + abs(least))
-            if found is not None and self.system.entropy(found) >= least - lower:
-                return found, 0.5**halvings
+            if point is not None and self.system.entropy(point) >= least - lower:
+                return point, 0.5**halvings
         return None, 0.0
 
     def back(self, z: Floats) -> Floats | None:

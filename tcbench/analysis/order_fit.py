@@ -124,12 +124,12 @@ def fit_order(
 def _floors(e: Floats, certificate: Floats, solver: Floats) -> list[Reason]:
     """'used' for every point that stands above the known floors, else the floor's name."""
     reason: list[Reason] = []
-    for error, known, left in zip(e, certificate, solver, strict=True):
+    for error, certified, left in zip(e, certificate, solver, strict=True):
         if not np.isfinite(error) or error < 0:
             reason.append("failed")
         elif error == 0:
             reason.append("round-off")
-        elif error <= REFERENCE_FACTOR * known or not np.isfinite(known):
+        elif error <= REFERENCE_FACTOR * certified or not np.isfinite(certified):
             reason.append("reference-limited")
         elif error <= SOLVER_FACTOR * left:
             reason.append("solver")

@@ -188,11 +188,11 @@ def first_fold(integrator: Integrator, scenario: Scenario, cap: int, unstable: i
     return next(rung for rung in range(lowest - FOLD_BELOW, lowest + 1) if rung == lowest or folds(rung))
 
 
-def confirmed(integrator: Integrator, scenario: Scenario, found: Boundary) -> tuple[str, bool]:
+def confirmed(integrator: Integrator, scenario: Scenario, limits: Boundary) -> tuple[str, bool]:
     """(kind of limit, do the arc's own runs at both ends say the same?)."""
     ends: list[Outcome | None] = [
         None if rung is None else principal_outcome(integrator, scenario, step_of(rung))
-        for rung in (found.stable, found.unstable)
+        for rung in (limits.stable, limits.unstable)
     ]
     below, above = ends
     below_ok = below is None or below.ok
@@ -225,14 +225,14 @@ def limit_of(integrator: Integrator, scenario: Scenario, dt: float, kind: str) -
     return POSITIVE if (watched(last) < EDGE * watched(z)).any() else kind
 
 
-def plain_limit(integrator: Integrator, scenario: Scenario, found: Boundary, ladder: Ladder) -> str:
+def plain_limit(integrator: Integrator, scenario: Scenario, limits: Boundary, ladder: Ladder) -> str:
     """Whose fault plain Newton's first failure is.
 
     `solver` unless the run with the arc's own roots fails as well by the time at which plain Newton gives up.
     """
-    if found.unstable is None:
+    if limits.unstable is None:
         return NONE
-    plain = ladder[found.unstable]
+    plain = ladder[limits.unstable]
     method = principal_outcome(integrator, scenario, plain.dt)
     if method.ok or method.blowup_time > plain.blowup_time + 0.5 * plain.dt:
         return SOLVER
@@ -268,18 +268,18 @@ def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[s
     was bad.
     """
     ladder = ladder_of(scenario, lambda dt: outcome(integrator, scenario, dt))
-    found = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
+    limits = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
     limit = NONE
-    if found.unstable is not None:
-        limit = limit_of(integrator, scenario, step_of(found.unstable), ladder[found.unstable].kind)
-    return _limits(found, ladder, limit), [point for _, point in _points("own", ladder)]
+    if limits.unstable is not None:
+        limit = limit_of(integrator, scenario, step_of(limits.unstable), ladder[limits.unstable].kind)
+    return _limits(limits, ladder, limit), [point for _, point in _points("own", ladder)]
 
 
-def _limits(found: Boundary, ladder: Ladder, limit: str) -> dict[str, Any]:
+def _limits(bounds: Boundary, ladder: Ladder, limit: str) -> dict[str, Any]:
     return {
-        "dt_stable": _step(found.stable), "dt_unstable": _step(found.unstable), "dt_half": _step(found.half),
-        "limit": limit, "non_monotone": found.non_monotone, "dt_cap": step_of(ladder.cap),
-        "cause": "" if found.unstable is None else ladder[found.unstable].failure,
+        "dt_stable": _step(bounds.stable), "dt_unstable": _step(bounds.unstable), "dt_half": _step(bounds.half),
+        "limit": limit, "non_monotone": bounds.non_monotone, "dt_cap": step_of(ladder.cap),
+        "cause": "" if bounds.unstable is None else ladder[bounds.unstable].failure,
     }  # fmt: skip
 
 

@@ -28,12 +28,12 @@ def wilson(hits: int, runs: int) -> tuple[float, float]:
 
 def quantile(values: Sequence[float] | Floats, q: float) -> float:
     """The q-quantile of the numbers among the values, linear between neighbours; NaN of none. Infinite ones count."""
-    known = np.sort(np.asarray(values, dtype=float))
-    known = known[~np.isnan(known)]
-    if not len(known):
+    sorted_values = np.sort(np.asarray(values, dtype=float))
+    sorted_values = sorted_values[~np.isnan(sorted_values)]
+    if not len(sorted_values):
         return math.nan
-    place = q * (len(known) - 1)
-    low, high = known[math.floor(place)], known[math.ceil(place)]
+    place = q * (len(sorted_values) - 1)
+    low, high = sorted_values[math.floor(place)], sorted_values[math.ceil(place)]
     return float(low if low == high else low + (place - math.floor(place)) * (high - low))
 
 

@@ -40,11 +40,11 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
         dE, dS = (np.asarray(g) for g in model.discrete_gradients(z0, z1))
         mid = np.asarray(z0 + z1) / 2
         factors = SPREAD ** rng.uniform(-1, 1, count)
-        found = put_in(np.concatenate([np.asarray(z0), factors]), model.constant_values)
+        outputs = put_in(np.concatenate([np.asarray(z0), factors]), model.constant_values)
         true = np.asarray(model.entropy_gradient(z0))
         cases = (
             (mid, dE, dS, *rates_of(model, mid, dE, dS)),
-            (z0, *np.split(found[: 4 * n], 4)),
+            (z0, *np.split(outputs[: 4 * n], 4)),
             (z0, freely, true, *rates_of(model, z0, freely, true)),
         )
         for case in cases:
@@ -53,8 +53,8 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
                 if warm or not one.rises:
                     one.see(*case)
         for i, name in enumerate(lost):
-            slope = found[(4 + i) * n : (5 + i) * n]
-            lost[name] = max(lost[name], *(relative(slope, rate) for rate in np.split(found[2 * n : 4 * n], 2)))
+            slope = outputs[(4 + i) * n : (5 + i) * n]
+            lost[name] = max(lost[name], *(relative(slope, rate) for rate in np.split(outputs[2 * n : 4 * n], 2)))
         scale = np.linalg.norm(dS) * np.linalg.norm(z1 - z0) + abs(float(model.entropy(z0))) + 1e-300
         gap = max(gap, abs(dS @ np.asarray(z1 - z0) - (model.entropy(z1) - model.entropy(z0))) / scale)
     for one in owed:

@@ -152,8 +152,8 @@ def operators(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
         return LedgerRow(claim, section, expected, measured, worst <= limit, repeat, why, failed)
 
     def owed(*told: Any) -> LedgerRow:
-        found = row(*told)
-        return replace(found, no=f"{found.no} {told[-1]}")
+        finding = row(*told)
+        return replace(finding, no=f"{finding.no} {told[-1]}")
 
     rows = [*_gradient_rows(row, scenario, sample, rng)]
     return [*rows, *structure.findings(owed, scenario.model, sample, rng)]
@@ -179,8 +179,8 @@ def _gradient_rows(row: Row, scenario: Scenario, sample: Sample, rng: np.random.
                   ROUNDOFF, "It sees positions only through squared lengths, which rotations keep.")  # fmt: skip
 
 
-def _relative(found: Any, exact: Any) -> float:
-    gap = float(np.abs(np.asarray(found) - np.asarray(exact)).max())
+def _relative(value: Any, exact: Any) -> float:
+    gap = float(np.abs(np.asarray(value) - np.asarray(exact)).max())
     return gap and gap / float(np.abs(np.asarray(exact)).max())  # an energy may be constant
 
 
@@ -259,14 +259,14 @@ def steps(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
         "energy": ("a step keeps energy", "Theorem 1", "|E1 - E0|/max(V0, |E0|) = 0"),
         "entropy": ("a step never lowers entropy", "Theorem 2", "fall of S = 0, relative"),
     }
-    found = defects(integrator, scenario.model)
-    for name, measure in found.items():
+    measures = defects(integrator, scenario.model)
+    for name, measure in measures.items():
         of_momentum = (f"a step keeps {name.replace('_', ' ')}", "section 3", "|J1 - J0| = 0, relative")
         yield row(*told.get(name, of_momentum), measure, SOLVED)
     if {"energy", "entropy"} <= claims:
         yield row("E - theta_ref S never rises in a step", "Theorem 6, eq. (37)",
                   "rise = 0, relative to max(V0, |E0|)", lyapunov_rise, SOLVED)  # fmt: skip
-    if _is_pendulum(scenario) and found:
+    if _is_pendulum(scenario) and measures:
         yield row("a step commutes with rotations", "section 3", "defect 0, relative", _equivariance, EQUIVARIANT)
 
 
@@ -294,9 +294,9 @@ def _scale(run: Trajectory) -> float:
 
 def defects(integrator: Integrator, model: System) -> dict[str, Callable[[Trajectory], float]]:
     """Law -> how far a run misses it, of those that a method claims and the system has."""
-    known: dict[str, Callable[[Trajectory], float]] = {"energy": energy_defect, "entropy": entropy_fall}
-    known |= {name: _momentum(name) for name in model.invariant_names}
-    return {name: measure for name, measure in known.items() if name in integrator.claims}
+    measures: dict[str, Callable[[Trajectory], float]] = {"energy": energy_defect, "entropy": entropy_fall}
+    measures |= {name: _momentum(name) for name in model.invariant_names}
+    return {name: measure for name, measure in measures.items() if name in integrator.claims}
 
 
 def energy_defect(run: Trajectory) -> float:
@@ -333,8 +333,8 @@ def _terms(model: System, z: Floats) -> Floats:
     """The sum of |z_i dJ/dz_i| for each invariant J, by differences."""
     moves = NEAR * np.diag(np.abs(z))
     with np.errstate(all="ignore"):
-        found: Floats = np.abs(np.asarray(model.momenta(z + moves)) - np.asarray(model.momenta(z - moves))).sum(axis=1)
-    return np.nan_to_num(found / (2 * NEAR))
+        jumps: Floats = np.abs(np.asarray(model.momenta(z + moves)) - np.asarray(model.momenta(z - moves))).sum(axis=1)
+    return np.nan_to_num(jumps / (2 * NEAR))
 
 
 def _equivariance(run: Trajectory) -> float:

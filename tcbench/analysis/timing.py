@@ -83,9 +83,9 @@ def warm_up(integrator: Integrator, scenario: Scenario, controls: Iterable[Mappi
     """A short run for each of these settings (dt, tolerance), once in a process: what loads or compiles does so before
     the clock runs; heyoka compiles anew for each tolerance."""
     for control in controls:
-        known = integrator.name, scenario.model.structure, control.get("tolerance")
-        if known not in _WARM:
-            _WARM.add(known)
+        key = integrator.name, scenario.model.structure, control.get("tolerance")
+        if key not in _WARM:
+            _WARM.add(key)
             with shared_runs.made_anew():
                 simulate(integrator, scenario.replace(t_end=control.get("dt", 1e-3 * scenario.t_end)), **control)
 
@@ -105,11 +105,11 @@ def solved(integrator: Integrator, scenario: Scenario, times: ArrayLike, toleran
     model, z0, t = scenario.model, scenario.z0.copy(), np.asarray(times, dtype=float)
     begin = time.perf_counter()
     try:
-        found = integrator.adaptive(model, z0, t, tolerance, tolerance)  # type: ignore[misc]
+        answer = integrator.adaptive(model, z0, t, tolerance, tolerance)  # type: ignore[misc]
     except Exception as error:
         leave_to_the_machine(error)
         status, failure = ending(error)
         return Solved(None, {}, time.perf_counter() - begin, status, failure[:300])
     elapsed = time.perf_counter() - begin
-    states, counts = found if isinstance(found, tuple) else (found, {})
+    states, counts = answer if isinstance(answer, tuple) else (answer, {})
     return Solved(states, counts, elapsed)

@@ -62,7 +62,7 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
 
     with waiting(f"computing the trajectories of {path} as {scenario.name}"):
         found = judge(path, scenario, [*plugins.integrators().values()])
-    reached = np.isfinite(found.known)
+    reached = np.isfinite(found.certificates)
     last = found.errors[:, -1][np.isfinite(found.errors[:, -1])]
     nearest: list[dict[str, Any]] = [
         {"integrator": name, "steps_between": parts, "difference": missed}
@@ -75,7 +75,7 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
     if len(last):
         sentences.append(
             f"Error of the last states: {np.median(last):.1e} in the median, at most {last.max():.1e}; the references' "
-            f"own error is at most {np.nanmax(found.known):.1e}."
+            f"own error is at most {np.nanmax(found.certificates):.1e}."
         )
     made = [_told(each, "made the data") for each in nearest if each["difference"] <= ROUND_OFF]
     off = [_told(each, "is off by more than round-off") for each in nearest]

@@ -62,8 +62,8 @@ class Reference:
 
     def index(self, t: float) -> int:
         """Position of time `t` in `times` (equal to 1e-12 relative)."""
-        for i, known in enumerate(self.times):
-            if abs(known - t) <= 1e-12 * abs(t):
+        for i, time in enumerate(self.times):
+            if abs(time - t) <= 1e-12 * abs(t):
                 return i
         raise KeyError(
             f"The reference has no state at t = {t:g}. It has t = {', '.join(f'{x:g}' for x in self.times)}."
@@ -107,10 +107,10 @@ def stored_file() -> dict[str, Any]:
 
 def verified(text: str) -> dict[str, Any]:
     """A file of references; refused where its checksum does not fit."""
-    found: dict[str, Any] = json.loads(text)
-    if found.get("sha256") != checksum(found):
+    record: dict[str, Any] = json.loads(text)
+    if record.get("sha256") != checksum(record):
         raise TcbenchError("tcbench's stored references were changed, or damaged on their way: install tcbench again.")
-    return found
+    return record
 
 
 def checksum(data: Mapping[str, Any]) -> str:
@@ -126,10 +126,10 @@ def stored(name_or_hash: str) -> Reference | None:
     """
     records = stored_file()["scenarios"]
     if name_or_hash in records:
-        found = [records[name_or_hash]]
+        matching = [records[name_or_hash]]
     else:
-        found = [r for r in records.values() if r["hash"] == name_or_hash]
-    rows = {float(t): (r, i) for r in found for i, t in enumerate(r["times"])}
+        matching = [r for r in records.values() if r["hash"] == name_or_hash]
+    rows = {float(t): (r, i) for r in matching for i, t in enumerate(r["times"])}
     if not rows:
         return None
     times = sorted(rows)

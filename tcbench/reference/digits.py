@@ -24,12 +24,12 @@ def exactly(scenario: Scenario, name: str, states: ArrayLike) -> list[list[Fract
     with mpmath.workdps(DIGITS):
         function = as_python(text, {"abs": abs} | {name: getattr(mpmath, name) for name in FUNCTIONS})
         constants = [mpmath.mpf(float(x)) for x in scenario.model.constant_values]
-        found = []
+        values = []
         for state in np.asarray(states, float):
             out: dict[int, Any] = {}
             function([mpmath.mpf(float(x)) for x in state], constants, out)
-            found.append([_fraction(mpmath.mpf(out[i])) for i in range(int(np.prod(shape)))])
-    return found
+            values.append([_fraction(mpmath.mpf(out[i])) for i in range(int(np.prod(shape)))])
+    return values
 
 
 def _fraction(x: Any) -> Fraction:

@@ -43,10 +43,10 @@ def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
     Compare a double-precision run with `states` and call errors up to 10 times `floor` reference-limited.
     Raises ReferenceFailed where the solution does not reach the last time.
     """
-    known = stored_for(scenario)
-    if known is not None:
+    reference = stored_for(scenario)
+    if reference is not None:
         with contextlib.suppress(KeyError):
-            return _at(known, times)
+            return _at(reference, times)
     recipe = _Recipe(scenario, tuple(float(t) for t in times))
     return cached(recipe.key, lambda: _once(recipe))
 
@@ -55,16 +55,16 @@ def ends_of(scenarios: Sequence[Scenario]) -> list[tuple[Reference | None, float
     """The reference of each scenario at its t_end, computed together and not kept, and how many times a change of the
     start has become there; None, and NaN, where it cannot be had within SHORT seconds."""
     systems, starts = [s.model for s in scenarios], [s.z0 for s in scenarios]
-    found: list[tuple[Reference | None, float]] = []
+    ends: list[tuple[Reference | None, float]] = []
     for scenario, pair in zip(scenarios, pairs.solve(systems, starts, [[s.t_end] for s in scenarios]), strict=True):
         if pair is not None:
-            found.append((from_pair(pair, [scenario.t_end]), float(pair.growth[0])))
+            ends.append((from_pair(pair, [scenario.t_end]), float(pair.growth[0])))
             continue
         try:
-            found.append((_Recipe(scenario, (scenario.t_end,)).collocations(SHORT), math.nan))
+            ends.append((_Recipe(scenario, (scenario.t_end,)).collocations(SHORT), math.nan))
         except ReferenceFailed:
-            found.append((None, math.nan))
-    return found
+            ends.append((None, math.nan))
+    return ends
 
 
 def _once(recipe: _Recipe) -> Reference:
@@ -133,8 +133,8 @@ class _Recipe:
 
     def compute(self) -> Reference:
         """By the series; where they lead nowhere by the collocations."""
-        (found,) = pairs.solve([self.model], [self.start], self.times, self.text)
-        return self.collocations() if found is None else from_pair(found, self.times)
+        (pair,) = pairs.solve([self.model], [self.start], self.times, self.text)
+        return self.collocations() if pair is None else from_pair(pair, self.times)
 
     def collocations(self, max_seconds: float | None = None) -> Reference:
         """By the slower way, which takes stiff equations, too."""
@@ -145,10 +145,10 @@ class _Recipe:
         )  # fmt: skip
 
 
-def from_pair(found: pairs.Pair, times: Sequence[float]) -> Reference:
+def from_pair(pair: pairs.Pair, times: Sequence[float]) -> Reference:
     """The floor is what rounding its start takes from a run in doubles, and the last digit of the states."""
-    floor = found.certificate + HALF_ULP * np.maximum(1.0, found.growth)
-    return Reference(tuple(times), found.states, tuple(found.certificate.tolist()), tuple(floor.tolist()), pairs.SOURCE)
+    floor = pair.certificate + HALF_ULP * np.maximum(1.0, pair.growth)
+    return Reference(tuple(times), pair.states, tuple(pair.certificate.tolist()), tuple(floor.tolist()), pairs.SOURCE)
 
 
 def recompute(scenario: Scenario) -> dict[str, Any]:
@@ -166,9 +166,9 @@ def recompute(scenario: Scenario) -> dict[str, Any]:
         with contextlib.suppress(ReferenceFailed):
             states = recipe.collocations().states
             check = [gap(a, b, least) for a, b in zip(states, fresh.states, strict=True)]
-    known = kept or cached(recipe.key, lambda: fresh)
-    gaps = [gap(a, b, least) for a, b in zip(fresh.states, known.states, strict=True)]
-    allowed = [a + b for a, b in zip(fresh.floor, known.floor, strict=True)]
+    before = kept or cached(recipe.key, lambda: fresh)
+    gaps = [gap(a, b, least) for a, b in zip(fresh.states, before.states, strict=True)]
+    allowed = [a + b for a, b in zip(fresh.floor, before.floor, strict=True)]
     rows = [
         {"t": t, "gap": g, "certificate": c, "check": other}
         for t, g, c, other in zip(times, gaps, fresh.certificate, check, strict=True)

@@ -59,11 +59,11 @@ def solve(systems: Sequence[System], starts: Sequence[Any], times: Any, text: st
     groups: dict[Any, list[int]] = {}
     for i, system in enumerate(systems):
         groups.setdefault(system.structure, []).append(i)
-    found: dict[int, Pair | None] = {}
+    pair_of: dict[int, Pair | None] = {}
     for group in groups.values():
         pairs = _solve([systems[i] for i in group], [starts[i] for i in group], ends[group], text)
-        found |= dict(zip(group, pairs, strict=True))
-    return [found[i] for i in range(len(systems))]
+        pair_of |= dict(zip(group, pairs, strict=True))
+    return [pair_of[i] for i in range(len(systems))]
 
 
 def _solve(
@@ -97,10 +97,10 @@ def _solve(
         least=np.repeat(each, RUNS, axis=0),
     )  # fmt: skip
     LIBRARY.march(work)
-    found = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
+    ends_of_runs = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
     taken, defects = work.taken.reshape(-1, RUNS), work.defects.reshape(-1, RUNS)
     pairs = [
-        _pair(found[i, :, 1:], int(taken[i].sum()), each[i])
+        _pair(ends_of_runs[i, :, 1:], int(taken[i].sum()), each[i])
         if (taken[i] > 0).all() and (defects[i] <= DEFECT).all() else None
         for i in range(len(systems))
     ]  # fmt: skip
@@ -113,17 +113,17 @@ def memory(size: int) -> NDArray[np.float64]:
     """For vectors, which must not lie across two lines of a cache; with 1/k for each k at its end."""
     room = np.zeros(size + LANES)
     first = -room.ctypes.data // 8 % LANES
-    found = room[first : first + size]
-    inverse = found[size - PAIR * (ORDER + 1) :].reshape(-1, 2, LANES)
+    workspace = room[first : first + size]
+    inverse = workspace[size - PAIR * (ORDER + 1) :].reshape(-1, 2, LANES)
     for k in range(1, ORDER + 1):
         inverse[k, 0] = 1.0 / k
         inverse[k, 1] = float(Fraction(1, k) - Fraction(1.0 / k))
-    return found
+    return workspace
 
 
-def _pair(found: NDArray[np.float64], steps: int, least: NDArray[np.float64]) -> Pair:
+def _pair(states: NDArray[np.float64], steps: int, least: NDArray[np.float64]) -> Pair:
     """found: (run, time, high or low part, number)."""
-    fine, coarse, shifted = found
+    fine, coarse, shifted = states
     size = np.maximum(least, np.abs(fine[:, 0]))
     gap = np.max(np.abs(difference(fine, coarse)) / size, axis=1)
     apart = np.max(np.abs(difference(shifted, coarse)) / size, axis=1)

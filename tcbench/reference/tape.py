@@ -160,9 +160,9 @@ def tape(text: str, variables: int, constants: int, order: int) -> Tape:
     """
     recorder = _Recorder()
     unknowns = [recorder.make("variable", value=("variable", i)) for i in range(variables)]
-    known = [recorder.make("input", value=("constant", i)) for i in range(constants)]
+    constant_symbols = [recorder.make("input", value=("constant", i)) for i in range(constants)]
     out: dict[int, Any] = {}
-    as_python(text, recorder.functions())(unknowns, known, out)
+    as_python(text, recorder.functions())(unknowns, constant_symbols, out)
     return _laid_out(recorder, unknowns, [recorder.lifted(out[i]) for i in range(len(out))], order)
 
 
@@ -191,11 +191,11 @@ def _laid_out(recorder: _Recorder, unknowns: Sequence[Node], outputs: Sequence[N
         elif node.op != "variable":
             first, second = (*(place[id(a)] for a in node.args), 0)[:2]
             (setup if node.static else code).extend([CODE[node.op], at, first, second, at + rooms * room])
-    given = [x[1] if isinstance(x, tuple) else -1 for x in values]
+    positions = [x[1] if isinstance(x, tuple) else -1 for x in values]
     literals = [math.nan if isinstance(x, tuple) else x for x in values]
 
     def whole(numbers: Sequence[int]) -> NDArray[np.int64]:
         return np.array(numbers, np.int64)
 
     rates, moving = whole([place[id(x)] for x in outputs]), whole([not x.static for x in outputs])
-    return Tape(end, whole(setup), whole(code), rates, moving, whole(inputs), whole(given), np.array(literals))
+    return Tape(end, whole(setup), whole(code), rates, moving, whole(inputs), whole(positions), np.array(literals))

@@ -79,13 +79,13 @@ class DataSet:
 
     def _published(self) -> dict[str, Any]:
         steps = np.diff(self.times)
-        found = {
+        arrays = {
             "Z": self.states.transpose(0, 2, 1), "dZ": self.rates.transpose(0, 2, 1), "error": self.error,
             "t_vec": self.times[None], "dt": np.array([[steps[0] if len(steps) else 0.0]]),
             "split": self.split.astype(object), "about": json.dumps(self.about),
             **self.laws,
         }  # fmt: skip
-        return found | {name: np.array(matrix) for name, matrix in self.about.get("matrices", {}).items()}
+        return arrays | {name: np.array(matrix) for name, matrix in self.about.get("matrices", {}).items()}
 
 
 def check_name(path: Path) -> None:
@@ -115,8 +115,8 @@ def data_set(
     times: Floats = every * np.arange(count + 1, dtype=np.float64)
     members = starts_around(scenario, starts, spread, seed)
     model = scenario.model
-    found = pairs.solve([s.model for s in members], [s.z0 for s in members], times[1:])
-    runs = [_certified(s, times, pair) for s, pair in zip(members, found, strict=True)]
+    certified = pairs.solve([s.model for s in members], [s.z0 for s in members], times[1:])
+    runs = [_certified(s, times, pair) for s, pair in zip(members, certified, strict=True)]
     states = np.array([states for states, _, _ in runs])
     flat = states.reshape(-1, model.size)
     shape = states.shape[:2]
@@ -134,18 +134,18 @@ def starts_around(scenario: Scenario, count: int, spread: float, seed: int) -> l
     """The scenario and `count` - 1 like it whose start is moved, each number x by at most spread * max(|x|, 0.3)."""
     names = scenario.system.initial_data if scenario.positions else tuple(scenario.initial)
     first = {n: getattr(scenario, n) if scenario.positions else scenario.initial[n] for n in names}
-    found, draw = [scenario], Draw(seed, {"start": Range(-spread, spread)})
-    while len(found) < count:
+    starts, draw = [scenario], Draw(seed, {"start": Range(-spread, spread)})
+    while len(starts) < count:
         for _ in range(TRIES):
             start = {n: moved(value, draw, "start") for n, value in first.items()}
             try:
-                found.append(scenario.replace(**(start if scenario.positions else {"initial": start})))
+                starts.append(scenario.replace(**(start if scenario.positions else {"initial": start})))
                 break
             except TcbenchError as error:
                 why = error
         else:
             raise TcbenchError(f"No admissible start was found around {scenario.name!r}: narrow spread. {why}")
-    return found
+    return starts
 
 
 def _certified(scenario: Scenario, times: Floats, pair: pairs.Pair | None) -> tuple[Floats, Floats, str]:
@@ -168,10 +168,10 @@ def splits(count: int, seed: int) -> NDArray[np.str_]:
     draw = Draw(seed, {})
     order = sorted(range(count), key=[draw.uniform() for _ in range(count)].__getitem__)
     ends = np.round(np.cumsum([*SPLITS.values()]) * count).astype(int)
-    found = np.empty(count, dtype="U10")
+    labels = np.empty(count, dtype="U10")
     for name, part in zip(SPLITS, np.split(np.array(order, int), ends[:-1]), strict=True):
-        found[part] = name
-    return found
+        labels[part] = name
+    return labels
 
 
 def _about(
@@ -191,15 +191,15 @@ def _about(
 
 def _constant_matrices(model: Any, states: Floats) -> dict[str, Any]:
     """L and M of GENERIC (n, n) where they are the same at all of the states, as far as that is known."""
-    found = {}
+    matrices = {}
     for name, matrix in (("L", model.poisson), ("M", model.friction)):
         try:
             values = np.array([matrix(z) for z in states[:: max(1, len(states) // 20)]])
         except TcbenchError:  # a large system has none, or S is constant
             continue
         if np.abs(values - values[0]).max() <= SAME * np.abs(values).max():
-            found[name] = values[0].tolist()
-    return found
+            matrices[name] = values[0].tolist()
+    return matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,14 +207,14 @@ class Judgement:
     """How far the states of somebody's data set are from the solution, and what may have made it.
 
     errors : shape (k, m), max |dz| / max(least, |z|) against the certified trajectory from the same first state.
-    known : shape (k, m), the stated error of that trajectory; NaN where there is none. methods : (method, steps between
-    two states of the data) to the median over the first trajectory of what one such move misses; the nearest first;
+    certificates : shape (k, m), the stated error of that trajectory; NaN where there is none. methods : (method, steps
+    between two states of the data) to the median error of one such move over the first trajectory, the nearest first;
     empty where the states are the solution to round-off, for then every accurate method seems to have made them.
     """
 
     times: Floats
     errors: Floats
-    known: Floats
+    certificates: Floats
     methods: dict[tuple[str, int], float]
 
     @property
@@ -259,22 +259,22 @@ def judge(path: str | Path, scenario: Scenario, methods: Sequence[Any] = ()) -> 
             "of the data's system, with its constants by scenario[constant=value]."
         )
     starts, ends = states[:, 0], times - times[0]
-    found = pairs.solve([model] * len(starts), list(starts), ends[1:])
-    errors, known = np.full((2, *states.shape[:2]), np.nan)
-    errors[:, 0] = known[:, 0] = 0.0
-    for i, pair in enumerate(found):
+    certified = pairs.solve([model] * len(starts), list(starts), ends[1:])
+    errors, certificates = np.full((2, *states.shape[:2]), np.nan)
+    errors[:, 0] = certificates[:, 0] = 0.0
+    for i, pair in enumerate(certified):
         if pair is not None:
             size = np.maximum(model.least_each, np.abs(pair.states))
             errors[i, 1:] = np.max(np.abs(states[i, 1:] - pair.states) / size, axis=1)
-            known[i, 1:] = pair.certificate
-    judged = Judgement(times, errors, known, {})
+            certificates[i, 1:] = pair.certificate
+    judged = Judgement(times, errors, certificates, {})
     return judged if judged.exact else replace(judged, methods=_nearest(scenario, ends, states[0], methods))
 
 
 def _nearest(scenario: Scenario, times: Floats, states: Floats, methods: Sequence[Any]) -> dict[tuple[str, int], float]:
     """Of one-step methods, from each state of the data to the next: which one made them is at round-off."""
     size = np.maximum(scenario.model.least_each, np.abs(states))
-    found = {}
+    errors = {}
     for method in methods:
         try:
             step = stepper(method, scenario)
@@ -285,8 +285,8 @@ def _nearest(scenario: Scenario, times: Floats, states: Floats, methods: Sequenc
                 _missed(step, states[i], states[i + 1], (times[i + 1] - times[i]) / parts, parts, size[i + 1])
                 for i in range(min(COMPARED, len(times) - 1))
             ]
-            found[method.name, parts] = float(np.median(missed))
-    return dict(sorted(found.items(), key=lambda item: item[1]))
+            errors[method.name, parts] = float(np.median(missed))
+    return dict(sorted(errors.items(), key=lambda item: item[1]))
 
 
 def _missed(step: Any, z: Floats, wanted: Floats, h: float, parts: int, size: Floats) -> float:

@@ -65,8 +65,8 @@ def mesh_of(model: System, z0: Any, table: str | None = None) -> Mesh:
         rows = np.asarray(getattr(model, name))[:, ::flat][:, :corners] // flat
         new = np.r_[True, np.any(rows[1:] != rows[:-1], axis=1)]  # points of one element follow each other
         fixed = np.concatenate([np.zeros((0, components)), *behind])
-        found = Mesh(variable, fixed, kind, rows[new], source, first, np.cumsum(new) - 1)
-        return found._replace(cells=_in_order(found, points_at(model, z0, found)))
+        mesh = Mesh(variable, fixed, kind, rows[new], source, first, np.cumsum(new) - 1)
+        return mesh._replace(cells=_in_order(mesh, points_at(model, z0, mesh)))
     raise TcbenchError(
         f"{model.name!r} has no table of cells of places: a variable q or x over a space, of one to three components, "
         f"and a table of 2, 3, 4 or 8 of them for each element. Its tables: {', '.join(model.tables) or 'none'}."
@@ -155,9 +155,9 @@ def faces_of(model: System, z0: Any) -> tuple[Mesh, NDArray[np.int64], NDArray[n
 def kept(run: Trajectory) -> dict[str, list[float | None]]:
     """A mesh in time, some NUMBERS in all or two states: at times `t` the place `x`, `y`, `z` of each `number` and the
     `temperature` of the face of this number; null beyond the last place or face. {} without a mesh."""
-    if (found := faces_of(run.scenario.model, run.z[0])) is None:
+    if (mesh_faces := faces_of(run.scenario.model, run.z[0])) is None:
         return {}
-    mesh, seen, faces, owner = found
+    mesh, seen, faces, owner = mesh_faces
     many = max(2, NUMBERS // (len(faces) + len(seen) * mesh.fixed.shape[1]))
     frames, size = [], max(len(seen), len(faces))
     for t, x, on_points, on_cells in records(run, mesh, np.unique(np.linspace(0, len(run.t) - 1, many).astype(int))):

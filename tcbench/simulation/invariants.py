@@ -53,7 +53,7 @@ def lost_by(pairs: Any, model: System, kept: float = KEPT) -> list[Lost]:
 
 def lost_in(run: Trajectory) -> list[Lost]:
     """The same of a run of a method that claims momenta: what it departs from by more than round-off."""
-    model, found = run.scenario.model, []
+    model, losses = run.scenario.model, []
     if "angular_momentum" not in run.integrator.claims or run.steps < 1 or not model.invariant_names:
         return []
     sizes = term_sizes(model, run.z[0])
@@ -61,8 +61,8 @@ def lost_in(run: Trajectory) -> list[Lost]:
         change = run.summary.invariant_error_max[name] / size
         if change > OF_A_RUN:
             k = int(np.argmax(np.abs(np.diff(run.invariants[name]))))
-            found.append(Lost(name, float(change), cause(model, name, run.z[k], run.z[k + 1]), "in the run"))
-    return found
+            losses.append(Lost(name, float(change), cause(model, name, run.z[k], run.z[k + 1]), "in the run"))
+    return losses
 
 
 def term_sizes(system: System, z0: Any, z1: Any = None) -> Any:

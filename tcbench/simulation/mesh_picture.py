@@ -44,7 +44,7 @@ def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path
     states = [state for k, state in enumerate(records) if k in kept]
     faces, owner = outside(mesh)
     heats = [heat_of(on_points, on_cells, faces, owner) for _, _, on_points, on_cells in states]
-    known: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
+    finite: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
     points = np.concatenate([x for _, x, _, _ in states])
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     flat = high[2] == low[2]
@@ -58,7 +58,7 @@ def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path
         if heat is None:
             drawn.set_color(PLAIN)
         else:
-            drawn.set(array=heat, cmap="coolwarm", clim=(known.min(), max(known.max(), known.min() + 1e-9)))
+            drawn.set(array=heat, cmap="coolwarm", clim=(finite.min(), max(finite.max(), finite.min() + 1e-9)))
         ax.add_collection3d(drawn)
         ax.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room),
                zlim=(low[2] - room, high[2] + room), title=f"t = {t:.3g}", xlabel="x", ylabel="y")  # fmt: skip
@@ -68,7 +68,7 @@ def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path
             ax.view_init(90, -90)
             ax.set_proj_type("ortho")
             ax.set_zticks([])
-    if len(known):
+    if len(finite):
         figure.colorbar(drawn, ax=list(every), label="temperature θ", shrink=0.7)
     figure.suptitle(f"{run.integrator.name} on {run.scenario.name}")
     with writing(repr(str(path))), written(path) as temporary:

@@ -22,8 +22,8 @@ def invariant_errors(run: Trajectory) -> dict[str, float]:
 
     Where I_0 is round-off of its terms, the departure is over their size: see `invariant_scale`.
     """
-    found = run.summary.invariant_error_max
-    return {f"{name}_error_max": error / invariant_scale(run, name) for name, error in found.items()}
+    errors = run.summary.invariant_error_max
+    return {f"{name}_error_max": error / invariant_scale(run, name) for name, error in errors.items()}
 
 
 def invariant_scale(run: Trajectory, name: str) -> float:
@@ -51,14 +51,14 @@ def constraint_errors(run: Trajectory) -> dict[str, float]:
     model = run.scenario.model
     if (solved := multipliers(model)) is None:
         return {}
-    rows, found = np.ascontiguousarray(run.z), dict[str, float]()
+    rows, errors = np.ascontiguousarray(run.z), dict[str, float]()
     missed, speeds = model.constraint_values(rows), model.constraint_speeds(rows)
     some = rows[np.unique(np.linspace(0, len(rows) - 1, FORCES).astype(int))]
     forces, names = np.array([solved.values(z) for z in some]), np.array(solved.names)
     for name in model.multipliers:
         for column, values in (("constraint_max", missed), ("constraint_speed_max", speeds), ("max", forces)):
-            found[f"{name}_{column}"] = float(np.abs(values[:, names == name]).max(initial=0.0))
-    return found
+            errors[f"{name}_{column}"] = float(np.abs(values[:, names == name]).max(initial=0.0))
+    return errors
 
 
 def newton_iterations(run: Trajectory) -> float:

@@ -43,11 +43,11 @@ class Prepared:
         self.free = free if model.size <= LARGE else None
         observe, n_observables = model.observer
         states = 0 if method is None else method.memory or 2
-        known = len(model.constant_values)
-        c, self.tally = np.ones(known + states * model.size), Tally()
-        c[:known] = model.constant_values
-        self.constants = c[:known]  # parts of c
-        self.others = c[known:].reshape(-1, model.size)  # a row is of a state
+        count = len(model.constant_values)
+        c, self.tally = np.ones(count + states * model.size), Tally()
+        c[:count] = model.constant_values
+        self.constants = c[:count]  # parts of c
+        self.others = c[count:].reshape(-1, model.size)  # a row is of a state
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
@@ -137,12 +137,12 @@ def take(method: Integrator | None, system: System, kernels: tuple[FlowKernels, 
     kept = _KEPT.get(system)
     if kept is None:
         kept = _KEPT[system] = {}
-    known = kept.get(id(kernels))
-    if known is None:
+    entry = kept.get(id(kernels))
+    if entry is None:
         if len(kept) >= MOST_METHODS:
             kept.clear()
-        known = kept[id(kernels)] = kernels, []
-    free = known[1]
+        entry = kept[id(kernels)] = kernels, []
+    free = entry[1]
     try:
         return free.pop()  # by one thread at a time
     except IndexError:

@@ -45,8 +45,8 @@ class FirstSteps(NamedTuple):
 
     def slopes(self, dt: float) -> np.ndarray:
         """(earlier state - last state)/dt, the nearest first: what the compiled loop keeps of earlier steps."""
-        found: np.ndarray = (self.z[-2::-1] - self.z[-1]) / dt
-        return found
+        differences: np.ndarray = (self.z[-2::-1] - self.z[-1]) / dt
+        return differences
 
 
 @AS_NUMPY
@@ -107,10 +107,10 @@ def run_step(
 def _told(held: tuple[Any, ...] | None) -> SolverCounts:
     """What the workspace of a run of steps tells of them by `cost()`, if it has that."""
     cost = getattr(held[0], "cost", None) if held else None
-    given = cost() if callable(cost) else {}
-    if not isinstance(given, Mapping):
-        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(given)}")
-    counts = {name: int(value) for name, value in given.items()}
+    counts_of = cost() if callable(cost) else {}
+    if not isinstance(counts_of, Mapping):
+        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(counts_of)}")
+    counts = {name: int(value) for name, value in counts_of.items()}
     return SolverCounts(
         newton_iterations=counts.get("newton_iterations", 0), inner_steps=counts.get("steps", 0),
         unknown=() if "newton_iterations" in counts else ("newton_iterations",),
@@ -133,10 +133,10 @@ def _next_states(
     else:
         assert integrator.step is not None
         before = (tuple(model.state(earlier.copy()) for earlier in past),) if integrator.memory else ()
-        given = integrator.step(start, dt, model, *before, *held)
-        result = real(given)
+        returned = integrator.step(start, dt, model, *before, *held)
+        result = real(returned)
         if result.shape != z.shape:
-            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}{_nothing(given)}")
+            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}{_nothing(returned)}")
         rows = result[None]
     if integrator.increments:
         states = np.empty_like(rows)
@@ -145,19 +145,19 @@ def _next_states(
     return rows
 
 
-def _nothing(given: Any) -> str:
-    return "; is `return` missing?" if given is None else ""
+def _nothing(value: Any) -> str:
+    return "; is `return` missing?" if value is None else ""
 
 
 def real(values: Any) -> np.ndarray:
     """A new array of doubles; numpy would drop imaginary parts with no more than a warning."""
-    found = np.asarray(values)
-    if found.dtype.kind == "c" or (found.dtype == object and any(isinstance(v, complex) for v in found.ravel())):
+    array = np.asarray(values)
+    if array.dtype.kind == "c" or (array.dtype == object and any(isinstance(v, complex) for v in array.ravel())):
         raise TypeError("complex numbers were returned; states are real")
-    if found.dtype.kind in "bSU" or found.dtype.names or isinstance(values, np.ma.MaskedArray):
-        kind = "a masked array" if isinstance(values, np.ma.MaskedArray) else f"an array of {found.dtype}"
+    if array.dtype.kind in "bSU" or array.dtype.names or isinstance(values, np.ma.MaskedArray):
+        kind = "a masked array" if isinstance(values, np.ma.MaskedArray) else f"an array of {array.dtype}"
         raise TypeError(f"{kind} was returned; states are plain numbers")
-    return np.array(found, dtype=np.float64, order="C")
+    return np.array(array, dtype=np.float64, order="C")
 
 
 class Monitor:
@@ -179,9 +179,9 @@ class Monitor:
     def trajectory(
         self, integrator: Integrator, status: str, failure: str, wall: float, solver: SolverCounts
     ) -> Trajectory:
-        found = assemble(integrator, self.scenario, self.run, status, failure, wall, solver=solver)
+        run = assemble(integrator, self.scenario, self.run, status, failure, wall, solver=solver)
         self.ready.give_back()
-        return found
+        return run
 
 
 @AS_NUMPY
@@ -193,30 +193,30 @@ def run_adaptive(
     It ends at the first of them at which it has failed where the solver gives its states one by one (`outputs`).
     """
     t = np.linspace(0.0, scenario.t_end, POINTS + 1) if times is None else np.append(0.0, times)
-    found = shared_runs.known(integrator.name, scenario, tolerance) if times is None else None
-    if found is None:
+    course = shared_runs.recorded(integrator.name, scenario, tolerance) if times is None else None
+    if course is None:
         with part(f"at tolerance {tolerance:g}, in steps that it chooses") as meter:
-            found = _solve(integrator, scenario, t, tolerance, meter)
+            course = _solve(integrator, scenario, t, tolerance, meter)
         if times is None:
-            shared_runs.keep(integrator.name, scenario, tolerance, found)
-    shared_runs.used(found)
+            shared_runs.keep(integrator.name, scenario, tolerance, course)
+    shared_runs.used(course)
     monitor = Monitor(scenario, t[1], len(t) - 1, 1)
-    reason, done = monitor.add(1, found.states[1:]) if len(found.states) > 1 else (OK, 0)
+    reason, done = monitor.add(1, course.states[1:]) if len(course.states) > 1 else (OK, 0)
     status, sentence = (
-        (found.status, found.failure) if found.failure else explain(reason, done, t[1], scenario, integrator)
+        (course.status, course.failure) if course.failure else explain(reason, done, t[1], scenario, integrator)
     )
-    if times is not None and reason != OK and not found.failure:
+    if times is not None and reason != OK and not course.failure:
         last = min(done if status == "blowup" else done + 1, len(t) - 1)
         sentence = f"output {last} (t = {t[last]:.6g}): {sentence.partition(': ')[2]}"
     solver = SolverCounts(
-        newton_iterations=found.counts.get("newton_iterations", 0),
-        rhs_evaluations=found.counts.get("rhs_evaluations", 0),
-        unknown=tuple(name for name in ("steps", "newton_iterations") if name not in found.counts),
+        newton_iterations=course.counts.get("newton_iterations", 0),
+        rhs_evaluations=course.counts.get("rhs_evaluations", 0),
+        unknown=tuple(name for name in ("steps", "newton_iterations") if name not in course.counts),
     )
-    run = monitor.trajectory(integrator, status, sentence, found.wall_s, solver)
+    run = monitor.trajectory(integrator, status, sentence, course.wall_s, solver)
     if times is not None:
         run = replace(run, summary=at_times(run, t))
-    return replace(run, t=t[: len(run.t)], dt=math.nan, steps=found.counts.get("steps", done))
+    return replace(run, t=t[: len(run.t)], dt=math.nan, steps=course.counts.get("steps", done))
 
 
 def at_times(run: Trajectory, t: np.ndarray) -> Summary:
@@ -238,13 +238,13 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
     model, z0 = scenario.model, scenario.z0.copy()
     states, status, failure = np.empty((0, model.size)), "ok", ""
     counts: Any = {}
-    given: list[np.ndarray] = []
+    rows_done: list[np.ndarray] = []
     begin, work = time.perf_counter(), time.process_time()
     try:
         if integrator.outputs is not None:
             rows, counts = integrator.outputs(model, z0, t, tolerance, tolerance)
-            _until_failed(rows, scenario, t, meter, given)
-            states = np.array(given)
+            _until_failed(rows, scenario, t, meter, rows_done)
+            states = np.array(rows_done)
         else:
             result = integrator.adaptive(model, z0, t, tolerance, tolerance)
             states, counts = result if isinstance(result, tuple) else (result, {})
@@ -254,9 +254,9 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
         counts = {name: _whole(name, value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
-        status, failure = raised(error, len(given), float(t[len(given) - 1])) if given else ending(error)
-        given = given or list(getattr(error, "states", ()))[: len(t)]
-        states = np.array(given) if given else np.empty((0, model.size))  # those before it stand
+        status, failure = raised(error, len(rows_done), float(t[len(rows_done) - 1])) if rows_done else ending(error)
+        rows_done = rows_done or list(getattr(error, "states", ()))[: len(t)]
+        states = np.array(rows_done) if rows_done else np.empty((0, model.size))  # those before it stand
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
     return Solved(states, counts, status, failure, wall, work)
@@ -270,7 +270,7 @@ def _whole(name: str, value: Any) -> int:
 
 
 def _until_failed(
-    rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter, given: list[np.ndarray]
+    rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter, rows_done: list[np.ndarray]
 ) -> None:
     """Into `given` the states that an iterator gives, up to the first that has failed."""
     monitor = Monitor(scenario, t[1], len(t) - 1, 1)
@@ -278,9 +278,9 @@ def _until_failed(
         row = next(rows, None)
         if row is None:
             raise ValueError(f"outputs ended after {i} states, {len(t)} were asked for")
-        given.append(_as_states(row, (scenario.model.size,)))
+        rows_done.append(_as_states(row, (scenario.model.size,)))
         meter.done, meter.total = i, len(t) - 1
-        if i and monitor.add(i, given[i][None])[0] != OK:
+        if i and monitor.add(i, rows_done[i][None])[0] != OK:
             return
 
 

@@ -88,9 +88,9 @@ def assemble(
 def at_once(kind: type[Made], **values: Any) -> Made:
     """A frozen record of these fields, and the defaults of others: set one by one, as its `__init__` does, they take a
     tenth of a short run."""
-    made = object.__new__(kind)
-    object.__setattr__(made, "__dict__", values)
-    return made
+    item = object.__new__(kind)
+    object.__setattr__(item, "__dict__", values)
+    return item
 
 
 def summarise(run: Run, tally: Any, dt: float, names: tuple[str, ...], exergy: float) -> Summary:

@@ -160,15 +160,15 @@ def checked_dt(dt: Any, scenario: Scenario) -> float:
 def _checked_times(times: Any, t_end: float | None) -> np.ndarray:
     """The times after 0, ascending; the last one is the horizon."""
     try:
-        found = np.asarray(times, dtype=float).ravel()
+        checked = np.asarray(times, dtype=float).ravel()
     except (TypeError, ValueError, OverflowError):
         raise TcbenchError(f"times must be numbers, not {shown(times)}.") from None
-    found = found[1:] if len(found) and found[0] == 0 else found
-    if not len(found) or not np.isfinite(found).all() or found[0] <= 0 or (np.diff(found) <= 0).any():
+    checked = checked[1:] if len(checked) and checked[0] == 0 else checked
+    if not len(checked) or not np.isfinite(checked).all() or checked[0] <= 0 or (np.diff(checked) <= 0).any():
         raise TcbenchError("times must be finite numbers that grow, the first at 0 or later, the last after 0.")
-    if t_end is not None and t_end != found[-1]:
-        raise TcbenchError(f"The run ends at the last of its times, {found[-1]:g}: leave out t_end = {t_end:g}.")
-    return found
+    if t_end is not None and t_end != checked[-1]:
+        raise TcbenchError(f"The run ends at the last of its times, {checked[-1]:g}: leave out t_end = {t_end:g}.")
+    return checked
 
 
 def first_steps(integrator: Integrator, scenario: Scenario, dt: float, steps: int) -> FirstSteps:
@@ -212,8 +212,8 @@ def run_flows(
     if reason in (NONCONVERGED, NO_ROOT, NONFINITE):
         places = [
             zero_over_zero(flow, model, run.z, dt)
-            for flow, made in zip(integrator.flows, kernels, strict=True)
-            if not finite_at_rest(made, flow.memory, model, run.z, dt)
+            for flow, kernel in zip(integrator.flows, kernels, strict=True)
+            if not finite_at_rest(kernel, flow.memory, model, run.z, dt)
         ]
         if told := dependent(model, run.z[None], [run.tally.steps * dt], failed=True):
             failure += f"; {told}"
@@ -222,9 +222,9 @@ def run_flows(
                 ": iterations did not solve its linear equations, too many to be factorised; a shorter dt is needed"
             )
         failure += "".join(f". The formula divides 0 by 0 at z1 = z0 ({place}): {REMEDY}" for place in places if place)
-    found = assemble(integrator, scenario, run, status, failure, wall, way=ready.way)
+    trajectory = assemble(integrator, scenario, run, status, failure, wall, way=ready.way)
     ready.give_back()
-    return found
+    return trajectory
 
 
 def march(run: Run, done: int, steps: int, told: str) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from ..systems.plane import drawn
 from ..systems.state import LETTERS
 from . import fields
-from .beside import distance
+from .against_exact import distance_to_exact
 from .metrics import invariant_scale
 
 if TYPE_CHECKING:
@@ -38,63 +38,63 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
     at_y_1, ... of each joint of a picture that points() gives. "So far" is over every recorded state.
     """
     model, scale, L = run.scenario.model, run.scenario.initial_exergy, run.lyapunov
-    found = {
+    table = {
         "t": run.t, "energy": run.energy, "entropy": run.entropy,
         "energy_error": np.abs(run.energy - run.energy[0]) / scale,
         "entropy_fall": np.maximum.accumulate(run.entropy) - run.entropy,
         "lyapunov_rise": (L - np.minimum.accumulate(L)) / scale,
     }  # fmt: skip
     for name, values in run.invariants.items():
-        found |= {name: values, f"{name}_error": np.abs(values - values[0]) / invariant_scale(run, name)}
-    found = {name: values[keep] for name, values in found.items()}
+        table |= {name: values, f"{name}_error": np.abs(values - values[0]) / invariant_scale(run, name)}
+    table = {name: values[keep] for name, values in table.items()}
     if model.n_temperatures > len(LETTERS):
         theta = run.temperatures[keep]
-        return found | {f"temperature_{end}": of(theta, axis=1) for end, of in ENDS.items()}
+        return table | {f"temperature_{end}": of(theta, axis=1) for end, of in ENDS.items()}
     for letter, theta in zip(LETTERS, run.temperatures[keep].T, strict=False):
-        found[f"temperature_{letter}"] = theta
-    return found | model.told_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])
+        table[f"temperature_{letter}"] = theta
+    return table | model.told_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])
 
 
 def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]]]:
-    """What a row keeps of a run of which every state was recorded: some `points` states, and the first ones.
+    """What a row keeps of a run that recorded every state: some `points` states, and the first ones, rounded.
 
-    "series" has the columns of every k-th state and of the last one, and `distance` as exact_error. "opening", where
-    k > 1, has positions and temperatures of the first `points` steps: a path of every twentieth state is no path.
-    "fields": as `fields.kept`, of systems with a mesh. Rounded.
+    "series" has the columns of every k-th state and of the last one, and `distance_to_exact` as exact_error. "opening",
+    where k > 1, has positions and temperatures of the first `points` steps: every twentieth state draws no path.
+    "fields" is that of `fields.kept`, of systems with a mesh.
     """
     stride = max(1, run.scenario.steps(run.dt) // points) if run.dt > 0 else 1
     last = len(run.t) - 1
     keep = np.unique([*range(0, last, stride), last])
-    found: dict[str, dict[str, list[Any]]] = {"series": _rounded(columns(run, keep))}
-    if np.isfinite(far := distance(run, keep)).any():
-        found["series"]["exact_error"] = [float(f"{v:.{DIGITS_FAR}g}") for v in far]
+    parts: dict[str, dict[str, list[Any]]] = {"series": _rounded(columns(run, keep))}
+    if np.isfinite(far := distance_to_exact(run, keep)).any():
+        parts["series"]["exact_error"] = [float(f"{v:.{DIGITS_FAR}g}") for v in far]
     if stride > 1:
         opening = columns(run, slice(points + 1))
         laws = {"energy", "entropy", *run.invariants}
         there = {n: v for n, v in opening.items() if n not in laws and not n.endswith(LOST)}
-        found["opening"] = _rounded(there)
+        parts["opening"] = _rounded(there)
     if mesh := fields.kept(run):  # which is drawn in the place of the system's own picture
-        found = {part: {n: v for n, v in of.items() if not n.startswith("at_")} for part, of in found.items()}
-        found["fields"] = mesh
-    return found
+        parts = {part: {n: v for n, v in of.items() if not n.startswith("at_")} for part, of in parts.items()}
+        parts["fields"] = mesh
+    return parts
 
 
 def variables(names: Iterable[str]) -> list[str]:
     """Of the columns of a table of states those that are a variable of the system, or what it tells instead."""
     there = [str(name) for name in names]
-    known = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
+    basic = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
     laws = {name.removesuffix("_error") for name in there if name.endswith("_error")}
     for stem in ("temperature", "strain"):  # of the elements one after the other: a variable may be called so, too
-        known |= set(takewhile(there.__contains__, (f"{stem}_{letter}" for letter in LETTERS)))
-    return [n for n in there if n not in known | laws and not n.endswith(LOST) and not n.startswith(("at_x_", "at_y_"))]
+        basic |= set(takewhile(there.__contains__, (f"{stem}_{letter}" for letter in LETTERS)))
+    return [n for n in there if n not in basic | laws and not n.endswith(LOST) and not n.startswith(("at_x_", "at_y_"))]
 
 
-def _rounded(found: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:
+def _rounded(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:
     """Lists of so many digits; columns with values that are no numbers are left out."""
-    lost = {name: name.endswith(LOST) for name in found}
+    lost = {name: name.endswith(LOST) for name in arrays}
     return {
         name: [float(f"{v:.{DIGITS_LOST if lost[name] else DIGITS}g}") for v in values]
-        for name, values in found.items()
+        for name, values in arrays.items()
         if np.isfinite(values).all()
     }
 
@@ -119,8 +119,8 @@ def trajectory(run: Trajectory) -> DataFrame:
     """One row a recorded state: the columns of `columns`, and which run it is."""
     import pandas as pd
 
-    known = {"integrator": run.integrator.name, "scenario": run.scenario.name, "dt": run.dt, "status": run.status}
-    return pd.DataFrame(known | columns(run))
+    labels = {"integrator": run.integrator.name, "scenario": run.scenario.name, "dt": run.dt, "status": run.status}
+    return pd.DataFrame(labels | columns(run))
 
 
 def trajectories(runs: Sequence[Trajectory]) -> DataFrame:

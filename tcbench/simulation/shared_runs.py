@@ -86,7 +86,7 @@ def work_s() -> float:
     return _work_s
 
 
-def known(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
+def recorded(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
     """The run of this solver, if it was made before."""
     global _found
     if _folder is None:
@@ -117,13 +117,13 @@ def arrays(name: str, scenario: Scenario, tolerance: float) -> dict[str, np.ndar
     return None
 
 
-def keep_arrays(name: str, scenario: Scenario, tolerance: float, found: Mapping[str, np.ndarray]) -> None:
+def keep_arrays(name: str, scenario: Scenario, tolerance: float, arrays: Mapping[str, np.ndarray]) -> None:
     """Leave arrays to others, whatever time they took."""
-    if _folder is None or sum(array.size for array in found.values()) > MOST_ARRAYS:
+    if _folder is None or sum(array.size for array in arrays.values()) > MOST_ARRAYS:
         return
     place = _place(_folder, name, scenario, tolerance).with_suffix(".npz")
     with suppress(OSError), replacing(place) as temporary:
-        np.savez(temporary, allow_pickle=False, **found)
+        np.savez(temporary, allow_pickle=False, **arrays)
 
 
 def _place(folder: Path, name: str, scenario: Scenario, tolerance: float) -> Path:

@@ -146,10 +146,10 @@ class Stepper:
         """
         ready.set_rules(Rules(continuation=False), math.inf)
         try:
-            found, z1 = self._solved(ready, z, h), ready.run.z.copy()
+            status, z1 = self._solved(ready, z, h), ready.run.z.copy()
         finally:
             ready.set_rules(Rules(), math.inf)
-        if found != OK or self._solved(ready, z1, -h) != OK:
+        if status != OK or self._solved(ready, z1, -h) != OK:
             return False
         away = np.abs(ready.run.z - z) / np.maximum(self.system.least_each, np.abs(z))
         ready.run.z[:] = z1

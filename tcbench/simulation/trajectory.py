@@ -159,8 +159,8 @@ class Trajectory:
 
         if (solved := multipliers(self.scenario.model)) is None:
             return {}
-        found = np.array([solved.values(z) for z in self.z])
-        return {name: found[:, np.array(solved.names) == name] for name in self.scenario.model.multipliers}
+        values = np.array([solved.values(z) for z in self.z])
+        return {name: values[:, np.array(solved.names) == name] for name in self.scenario.model.multipliers}
 
     @property
     def constraints_dependent(self) -> str:

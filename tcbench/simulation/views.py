@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 def columns(run: Trajectory, observables: Sequence[Observable] = ()) -> dict[str, np.ndarray]:
     """What was recorded, by name: t, variables (m0.., s), energy, entropy, invariants, theta0.., observables."""
     names, m = run.scenario.model.component_names, run.temperatures.shape[1]
-    found = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
-    found |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
+    table = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
+    table |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
     for observable in _checked(observables):
-        if observable.name in found:
+        if observable.name in table:
             raise TcbenchError(f"The table of a run has a column {observable.name!r}; rename the observable.")
-        found[observable.name] = observed(run, observable)
-    return found
+        table[observable.name] = observed(run, observable)
+    return table
 
 
 def _checked(observables: Any) -> Sequence[Observable]:
@@ -56,10 +56,10 @@ def observed(run: Trajectory, observable: Observable) -> np.ndarray:
     """The observable at each recorded state, shape (m,)."""
     _checked([observable])
     with calling(f"The observable {observable.name!r}"):
-        given = np.asarray(observable.compute(read_only(run)))
-        if given.dtype.kind == "c":
+        returned = np.asarray(observable.compute(read_only(run)))
+        if returned.dtype.kind == "c":
             raise TcbenchError(f"The observable {observable.name!r} gave complex numbers.")
-        values = given.astype(float)
+        values = returned.astype(float)
     if values.shape != run.t.shape:
         raise TcbenchError(
             f"The observable {observable.name!r} gave shape {values.shape}; one number for each of the "

@@ -11,7 +11,7 @@ from ..analysis.timing import warm_up
 from ..errors import MachineError, blamed
 from ..integrator import Integrator
 from ..simulation import metrics, series, shared_runs
-from ..simulation.beside import beside_the_exact
+from ..simulation.against_exact import errors_against_exact
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
 from ..simulation.views import read_only
@@ -76,7 +76,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     if integrator.kind != "flows":  # whose compiling is no part of a step
         warm_up(integrator, scenario, [extra])
     run = simulate(integrator, scenario, **extra)
-    row = metrics.conservation(run) | beside_the_exact(run)
+    row = metrics.conservation(run) | errors_against_exact(run)
     if run.wall_time_s < SHORT_S and row["us_per_step"] > 0:  # timed again: all is loaded, and without residuals
         with shared_runs.made_anew():
             again = simulate(

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..integrator import Integrator
-from ..simulation.beside import beside_the_exact
+from ..simulation.against_exact import errors_against_exact
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
@@ -55,7 +55,7 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     run = simulate(integrator, scenario, **options)
-    found = beside_the_exact(run)
+    found = errors_against_exact(run)
     return {"status": run.status, "failure": run.failure} | {name: found[name] for name in TOLD if name in found}
 
 

@@ -61,7 +61,7 @@ def test_the_gas_containers_of_gfinn_are_a_method_of_third_order_and_off_by_a_th
     np.savez(tmp_path / "gas.npz", times=h * np.arange(401), states=runs(starts, h, 400))
     found = judge(tmp_path / "gas.npz", scenario)
     ends = found.errors[:, -1]
-    assert 5e-5 < np.median(ends) < 5e-4 < 2e-3 < ends.max() < 2e-2 and found.known.max() < 1e-15
+    assert 5e-5 < np.median(ends) < 5e-4 < 2e-3 < ends.max() < 2e-2 and found.certificates.max() < 1e-15
     exact, *coarser = (runs(starts[:3], 0.02 / n, 25 * n)[:, -1] for n in (16, 1, 2))
     errors = [np.abs(z - exact).max() for z in coarser]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(3, abs=0.2)

@@ -11,7 +11,7 @@ import tcbench
 from tcbench.report.plot import plot
 from tcbench.report.write_report import write_report
 from tcbench.simulation import series
-from tcbench.simulation.beside import distance
+from tcbench.simulation.against_exact import distance_to_exact
 from tcbench.studies.conservation import measure
 from tcbench.systems.scenario import Scenario
 
@@ -73,7 +73,7 @@ def test_the_distance_from_the_exact_motion_is_that_from_a_finer_run():
     run, fine = (tcbench.simulate(m, SHORT, **how) for m, how in (("midpoint_entropy", {"dt": 0.1}), ("tc_auto", {})))
     exact = tcbench.simulate("tc_auto", SHORT, tolerance=1e-12, times=run.t[1:])
     wanted = (np.abs(run.z - exact.z) / np.maximum(run.scenario.model.least_each, np.abs(exact.z))).max(axis=1)
-    assert np.allclose(distance(run), wanted, rtol=1e-4, atol=1e-8) and distance(fine).max() < 1e-5
+    assert np.allclose(distance_to_exact(run), wanted, rtol=1e-4, atol=1e-8) and distance_to_exact(fine).max() < 1e-5
 
 
 def test_only_the_scenarios_own_step_and_steps_off_the_ladder_are_kept():

@@ -9,7 +9,7 @@ import tcbench
 from tcbench import Scenario
 from tcbench.report.by_method import remarks
 from tcbench.simulation import shared_runs
-from tcbench.simulation.beside import beside_the_exact
+from tcbench.simulation.against_exact import errors_against_exact
 from tcbench.studies.conservation import measure
 
 
@@ -45,7 +45,7 @@ def exact(t):
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_gauss"])
 def test_errors_of_temperatures_and_entropy_are_those_of_the_matrix_exponential(method, h):
     run = tcbench.simulate(method, ROD, dt=h)
-    row, theta = beside_the_exact(run), exact(run.t[-1])
+    row, theta = errors_against_exact(run), exact(run.t[-1])
     error = np.abs(run.temperatures[-1] - theta).max() / theta.max()
     assert row["t_compared"] == pytest.approx(20.0) and row["error_theta"] == pytest.approx(error, rel=1e-3, abs=1e-8)
     made = C @ np.log(theta / START)
@@ -55,11 +55,11 @@ def test_errors_of_temperatures_and_entropy_are_those_of_the_matrix_exponential(
 
 def test_a_body_colder_than_the_coldest_is_told_while_both_laws_hold():
     run = tcbench.simulate("tc_monolithic", ROD, dt=20.0)
-    row = beside_the_exact(run)
+    row = errors_against_exact(run)
     assert run.ok and run.summary.energy_error_max < 1e-12 and run.summary.second_law_violations == 0
     assert row["theta_min_exact"] == pytest.approx(280.0, abs=1e-6) and row["theta_min"] < 265
     assert row["range_left"] > (280 - row["theta_min"]) / 50  # of the range of its own cell
-    fine = beside_the_exact(tcbench.simulate("tc_monolithic", ROD, dt=0.1))
+    fine = errors_against_exact(tcbench.simulate("tc_monolithic", ROD, dt=0.1))
     assert fine["range_left"] < 1e-4 and fine["error_theta"] < 1e-5
 
 
@@ -76,13 +76,13 @@ def test_tables_have_it_and_a_sentence_says_it():
 
 def test_within_a_run_the_exact_course_is_computed_once(tmp_path, monkeypatch):
     run = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
-    alone = beside_the_exact(run)
+    alone = errors_against_exact(run)
     with shared_runs.kept_in(str(tmp_path)):
-        assert beside_the_exact(run) == alone
-        monkeypatch.setattr("tcbench.simulation.beside.path_of", None)  # cannot be called
-        assert beside_the_exact(run) == alone and alone["t_compared"] > 1.0
+        assert errors_against_exact(run) == alone
+        monkeypatch.setattr("tcbench.simulation.against_exact.path_of", None)  # cannot be called
+        assert errors_against_exact(run) == alone and alone["t_compared"] > 1.0
         assert "error_theta" in alone and "range_left" in alone
         damaged = next(tmp_path.glob("*.npz"))
         damaged.write_bytes(damaged.read_bytes()[:300])
         with pytest.raises(TypeError):  # it is computed again
-            beside_the_exact(run)
+            errors_against_exact(run)
