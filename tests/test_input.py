@@ -1,6 +1,9 @@
 """What Python callers get wrong: one sentence that names the argument, as TcbenchError."""
 
+import os
+
 import numpy as np
+import pandas as pd
 import pytest
 from command import tcbench as command
 
@@ -68,6 +71,7 @@ WRONG = {
     "of what simulate returns": lambda: tcbench.animate([5]),
     "make returns": lambda: tcbench.family(lambda: 5),
     "scenario family: ranges": lambda: tcbench.ScenarioFamily("a", sample=step, ranges=[1.0]),
+    "methods are names": lambda: tcbench.draw("laws", {"series": pd.DataFrame()}, methods=pd.DataFrame()),
     "which is none": lambda: tcbench.simulate(
         Integrator(name="a", order=1, flows=lambda a, b, h, system: np.array([str(x) for x in b])), "short_term"),
     "cannot be the name of": lambda: tcbench.run(["tc_gauss"], ["short_term"], ["conservation"], output="a\0b"),
@@ -148,6 +152,15 @@ def test_a_value_of_a_configuration_is_taken_or_refused_in_a_sentence(name, tmp_
         assert done.exit_code in (0, 2) and isinstance(done.exception, SystemExit | None), (value, done.exception)
         if (name, value) == ("dt", '"x"'):
             assert "'c.toml': Invalid value for '--dt': 'x' is not a valid float." in done.output
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/fd"), reason="of Unix")
+def test_options_come_through_a_pipe_and_what_is_none_is_said():
+    out, into = os.pipe()
+    os.write(into, b"dt = 0.5\nnonsense = 1")
+    os.close(into)
+    found = command("run", "--config", f"/dev/fd/{out}")
+    assert found.returncode == 2 and "called 'nonsense'" in found.stderr
 
 
 ONE = ("run", "-i", "tc_monolithic", "-s", "short_term", "--study", "conservation", "--dt", 0.3)

@@ -67,6 +67,21 @@ def test_one_word_in_the_place_of_several_is_refused():
         method(needs="conduction_flow")
 
 
+def test_a_blow_up_is_one_whatever_the_user_has_told_numpy_and_counts_that_are_none_are_named():
+    explosive = Integrator(name="explosive", order=1, step=lambda z, h, system: np.asarray(z) * 1e200 * 1e200)
+    plain = tcbench.simulate(explosive, "damped_oscillator")
+    with np.errstate(all="raise"):
+        told = tcbench.simulate(explosive, "damped_oscillator")
+        assert np.geterr()["over"] == "raise"
+    assert plain.status == told.status == "nonfinite"
+
+    def adaptive(system, z0, t_eval, rtol, atol):
+        return np.repeat(np.asarray(z0)[None], len(t_eval), axis=0), {"steps": "many"}
+
+    run = tcbench.simulate(Integrator(name="counts", adaptive=adaptive), "damped_oscillator")
+    assert run.status == "exception" and "counts are whole numbers, and 'steps' is 'many'" in run.failure
+
+
 def test_numbers_of_other_kinds_are_those_of_python():
     """float32's 1 times a step of 0.1 had the digits of float32, int8's 3 stages of 100 numbers no room."""
 

@@ -30,26 +30,3 @@ def test_a_copy_without_git_has_a_version(tmp_path):
     code = "import setuptools_scm as s; print(s._get_version(s.Configuration.from_file('pyproject.toml')))"
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == PROJECT["tool"]["setuptools_scm"]["fallback_version"]
-
-
-def test_the_citation_names_the_paper_and_the_people():
-    text = (ROOT / "CITATION.cff").read_text()
-    assert "cff-version: 1.2.0" in text and "doi: 10.1002/nme.2588" in text
-    assert PROJECT["project"]["authors"][0]["name"] in text and PROJECT["project"]["urls"]["Paper"].endswith("nme.2588")
-
-
-def test_the_recipe_for_conda_asks_for_what_the_package_needs():
-    recipe = pytest.importorskip("yaml").safe_load((ROOT / "conda" / "recipe.yaml").read_text())
-    project, renamed = PROJECT["project"], {"matplotlib": "matplotlib-base"}
-
-    def asked(requirements):
-        pairs = (re.fullmatch(r"([\w.-]+)>=([\d.]+)", r).groups() for r in requirements if ";" not in r)
-        return [f"{renamed.get(name, name)} >={version}" for name, version in pairs]
-
-    assert recipe["requirements"]["run"] == ["python >=${{ python_min }}", *asked(project["dependencies"])]
-    assert recipe["requirements"]["host"][2:] == asked(PROJECT["build-system"]["requires"])
-    assert project["requires-python"] == f">={recipe['context']['python_min']}"
-    assert recipe["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in project["scripts"].items()]
-    about = recipe["about"]
-    assert (about["license"], about["summary"]) == (project["license"], project["description"])
-    assert all((ROOT / path).exists() for path in about["license_file"])

@@ -5,13 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pandas as pd
 import pytest
 from command import tcbench
-
-from tcbench.commands.terminal import number
-from tcbench.studies.columns import column
-from tcbench.studies.conservation import CONSERVATION
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -36,20 +31,6 @@ def test_every_snippet_of_the_readme_runs(tmp_path):
             ran += 1
     assert ran >= 7
     assert (tmp_path / "run.csv").exists() and (tmp_path / "results/mine/tables/conservation.csv").exists()
-
-
-def test_the_readmes_result_is_the_baselines():
-    table = pd.read_csv(ROOT / "results" / "baseline" / "tables" / "conservation.csv")
-    rows = table[(table.scenario == "stiff_spring") & (table.dt == 0.3)].set_index("integrator")
-    block = README.split("$ tcbench run -s stiff_spring")[1].split("```")[0].splitlines()
-    names = {column(name).short: name for name in CONSERVATION.terminal}
-    start = next(i for i, line in enumerate(block) if line.startswith("integrator"))
-    headings = re.split(r"  +", block[start].strip())
-    shown = [dict(zip(headings, line.split(), strict=True)) for line in block[start + 1 :] if line]
-    assert len(shown) == len(rows) == 5
-    for row in shown:
-        expected = rows.loc[row.pop("integrator")]
-        assert row == {heading: number(expected[names[heading]]) for heading in row}
 
 
 def test_the_readme_links_to_files_that_exist():

@@ -29,7 +29,6 @@ from ..study import Study
 from ..systems.scenario import Scenario
 from ..systems.scenario_family import ScenarioFamily
 from .files import RefusedError, at_home, forget_helpers, import_file, plugin_files
-from .guarded import guarded
 
 GROUP = "tcbench"
 HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
@@ -153,8 +152,7 @@ def _register(
 ) -> None:
     _LOADING.append(origin.path or origin.name)
     try:
-        with contextlib.nullcontext() if origin.distribution == OWN else guarded():
-            module = importer()
+        module = importer()
         _check_hooks(module)
         manager.register(module, name=label)
         manager.check_pending()
@@ -218,12 +216,8 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             _LOADING.append(label)
             path = result.origins[label].path
             try:
-                with (
-                    at_home(Path(path))
-                    if path and not result.origins[label].distribution
-                    else contextlib.nullcontext(),
-                    contextlib.nullcontext() if result.origins[label].distribution == OWN else guarded(),
-                ):
+                of_file = path and not result.origins[label].distribution
+                with at_home(Path(path)) if of_file else contextlib.nullcontext():
                     items = _checked(implementation.function(), kind, hook_name)
             except BaseException as error:
                 if isinstance(error, KeyboardInterrupt):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from planted import explicit_midpoint, implicit_midpoint, made
+from tiers import tiers
 
 import tcbench
 from tcbench import plugins
@@ -26,31 +27,21 @@ def verdicts(method):
 ELEMENTS = {s.name for s in tcbench.scenarios().values() if isinstance(s.model, tcbench.ElementSystem)}
 PRESENT = [i for i in tcbench.integrators().values() if not i.lacks]
 VARIANTS = [v.name for i in PRESENT for v in i.variants() if v.name != i.name and not v.lacks]
-KINDS = ("tc_monolithic", "bdf2", "scipy_odeint")  # laws and orders of each built-in one: tests/laws, tests/plugins
+KINDS = ("bdf2", "scipy_odeint")  # laws and orders of each built-in one: tests/laws, tests/plugins
 OTHERS = [i.name for i in PRESENT if i.name not in KINDS]
 
 
-def passes_every_line(name):
+@pytest.mark.parametrize("name", tiers((*KINDS, *OTHERS), KINDS))
+def test_every_built_in_passes_every_line(name):
     method = plugins.find_integrator(name)
     lines = [contract.metadata(method), *verdicts(method).values()]
     assert {line.check: line.found for line in lines if line.verdict == check.FAIL} == {}
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_a_built_in_of_each_kind_passes_every_line(name):
-    passes_every_line(name)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", OTHERS)
-def test_every_other_built_in_passes_every_line(name):
-    passes_every_line(name)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant_passes_every_line(name):
-    passes_every_line(name)
+    test_every_built_in_passes_every_line(name)
 
 
 def test_an_explicit_step_with_a_right_jacobian_passes():
@@ -77,12 +68,7 @@ def test_an_adaptive_solver_passes():
     assert {line.verdict for line in found.values()} == {"ok", "-"} and found["order"].verdict == "ok"
 
 
-QUICK = ("short_term", "reaction")
-
-
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.thorough) for name in tcbench.scenarios()]
-)
+@pytest.mark.parametrize("name", tiers(tcbench.scenarios(), ("reaction",)))
 def test_every_built_in_scenario_passes(name):
     lines = {line.check: line for line in check.scenario_lines(tcbench.scenarios()[name])}
     assert len(lines) > 6 and not {line.check: line.found for line in lines.values() if line.verdict == check.FAIL}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from command import tcbench as command
 from mechanics import Warm
+from tiers import tiers
 
 import tcbench
 from tcbench import plugins
@@ -85,7 +86,7 @@ GENERAL = {  # what is wrong -> the check that finds it
 }
 
 
-@pytest.mark.parametrize("name", GENERAL)
+@pytest.mark.parametrize("name", tiers(GENERAL, ("irreversible",)))
 def test_of_any_system_the_line_of_the_formula_is_named(name):
     """irreversible: right at the true gradients, where dE.s is exp(s), and wrong at those that a method puts in."""
     wrong, claim = GENERAL[name]
@@ -117,7 +118,10 @@ def test_what_is_named_as_a_scenario_is_one():
             check.named(*wrong)
 
 
-@pytest.mark.parametrize(("name", "steps"), [("kepler", "lenz x by steps"), ("volterra", "casimir by steps")])
+LOST = [("kepler", "lenz x by steps"), ("volterra", "casimir by steps")]
+
+
+@pytest.mark.parametrize(("name", "steps"), tiers(LOST, LOST[:1]))
 def test_an_invariant_that_steps_lose_is_no_fault_of_the_system(name, steps):
     """The equations keep Runge-Lenz, no rate alone does at other gradients: check says which methods lose it, why."""
     scenario = next(one for one in conserving.LOST if one.name == name)

@@ -217,7 +217,9 @@ def test_a_violated_condition_is_told_with_its_terms_and_its_state():
     assert re.search(r"dE \. rate = .* of p.* of s\), at q0 = [^,]+, q1 = ", failed(lost)["irreversible keeps energy"])
 
 
-@pytest.mark.parametrize(("kind", "only"), [(Right, ()), (ByMatrices, BY_FORMULAS)])
+@pytest.mark.parametrize(
+    ("kind", "only"), [pytest.param(Right, (), marks=pytest.mark.thorough), (ByMatrices, BY_FORMULAS)]
+)
 def test_what_is_right_passes(kind, only):
     lines = lines_of(kind, only=only)
     assert {"formulas", "bracket"} <= {line.check for line in lines} and all(x.verdict != check.FAIL for x in lines)

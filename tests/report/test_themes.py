@@ -142,8 +142,6 @@ def test_a_picture_for_a_paper_from_the_command_line(tmp_path, monkeypatch):
     ):
         done = CliRunner().invoke(main, ["plot", "conservation", *wrong, "-o", "b.svg"])
         assert done.exit_code == 2 and message in done.output and not (tmp_path / "b.svg").exists()
-    done = CliRunner().invoke(main, ["animate", "tc_monolithic", "stiff_spring", "--t-end", "3", "--frames", "3"])
-    assert done.exit_code == 0 and (tmp_path / "movie.gif").stat().st_size > 1000
 
 
 def test_titles_of_narrow_panels_are_broken_into_lines_and_not_cut():

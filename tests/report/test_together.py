@@ -20,7 +20,7 @@ def run(folder, methods, cpu, slower=1.0, scenario=None):
     tables = {
         name: table
         for name, table in awkward.everything(methods, SCENARIOS).items()
-        if name not in ("claims", "opening")
+        if name in ("conservation", "work_precision", "stability")
     }
     for table in tables.values():
         for column in {"us_per_step", "time_s", "wall_time_min_s", "wall_time_median_s"}.intersection(table):

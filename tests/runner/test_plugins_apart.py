@@ -69,6 +69,7 @@ def test_helpers_of_folders_that_are_loaded_one_after_the_other_are_each_its_own
     assert found == [1.0, 0.5, 0.25]
 
 
+@pytest.mark.thorough
 def test_nothing_in_the_current_folder_runs_unless_it_is_named_whatever_plugins_are_called(tmp_path):
     trace = f"open({str(tmp_path / 'ran')!r}, 'a').write(__name__ + ' ')\n"
     for name in ("signal", "multiprocessing", "tcbench", "struct", "matplotlib", "pickle"):
@@ -110,7 +111,9 @@ def test_an_output_folder_that_is_deleted_during_the_run_ends_it_with_a_sentence
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 def test_ctrl_c_ends_with_130_and_without_tracebacks(tmp_path):
-    command = [str(SCRIPT), "run", "--all", "-o", str(tmp_path / "out")]
+    plugin(tmp_path / "p" / "slow.py", before="import time", step="time.sleep(60)")
+    words = ["run", "-i", "slow", "-s", "short_term", "--study", "conservation", "--plugins-dir", str(tmp_path / "p")]
+    command = [str(SCRIPT), *words, "-o", str(tmp_path / "out")]
     # a session of its own: the signal goes to the whole group, as a terminal sends it
     child = subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True,

@@ -24,12 +24,12 @@ PLUGIN = """
 from helper import weight
 from tcbench import Integrator, Metric, hookimpl
 
-def formula(z0, z1, h, system):
-    return z1 - z0 - h * system.vector_field((1 - weight) * z0 + weight * z1)
+def step(z, h, system):
+    return z + weight * h * system.vector_field(z)
 
 @hookimpl
 def tcbench_integrators():
-    return [Integrator(name="mine", order=1, flows=formula, uses=["../far/data.csv"], requires=("rich",))]
+    return [Integrator(name="mine", order=1, step=step, uses=["../far/data.csv"], requires=("rich",))]
 
 @hookimpl
 def tcbench_metrics():
@@ -124,6 +124,7 @@ def test_a_folder_that_moves_is_the_same(desk):
     assert made(desk, "moved") == before
 
 
+@pytest.mark.usefixtures("here")
 def test_the_rows_of_a_plugin_are_used_again_until_it_is_edited(desk):
     def run():
         plugins.use_folders([desk / "p"])

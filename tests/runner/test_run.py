@@ -74,20 +74,21 @@ def test_every_table_of_the_folder_is_what_is_read_from_it(tmp_path):
     from tcbench.runner.tables import read_tables
 
     methods = ["tc_monolithic"], ["tc_monolithic", "tc_staggered"]
-    for names, studies in ((methods[0], ["claims", "conservation"]), (methods[1], ["conservation"])):
+    for names, studies in ((methods[0], ["convergence", "conservation"]), (methods[1], ["conservation"])):
         results = tcbench.run(names, ["short_term"], studies, tmp_path / "run", dt=[0.3])
         read = read_tables(results.output)
         assert list(results.every) == list(read) and all(read[n].equals(t) for n, t in results.every.items())
         loaded = tcbench.load(results.output)
         assert list(loaded.tables) == list(read) and all(loaded.tables[n].equals(t) for n, t in read.items())
         assert loaded.statuses["ok"] == loaded.summary.already_finished > 0 == loaded.summary.left
-    assert "claims" not in results.tables and "claims" in results.every
+    assert "convergence" not in results.tables and "convergence" in results.every
     with pytest.raises(tcbench.TcbenchError, match="no_run_here"):
         tcbench.load(tmp_path / "no_run_here")
     with pytest.raises(tcbench.TcbenchError, match="folder"):
         tcbench.load(3)
 
 
+@pytest.mark.thorough
 def test_a_script_without_a_guard_is_not_run_again_by_workers(tmp_path):
     """Workers get everything by name, and know nothing of this process's main module."""
     (tmp_path / "script.py").write_text(

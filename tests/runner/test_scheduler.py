@@ -256,7 +256,7 @@ def wait_until(condition, limit: float = 60.0) -> None:
 
 @posix
 def test_kill_9_at_random_moments_loses_nothing_and_leaves_no_worker(tmp_path):
-    kill_and_resume(tmp_path, count=40, sleep=0.05, kills=4, pause=(0.05, 0.6))
+    kill_and_resume(tmp_path, count=30, sleep=0.05, kills=2, pause=(0.1, 0.6))
 
 
 @posix

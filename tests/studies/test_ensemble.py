@@ -166,6 +166,7 @@ def timed():
     return records([cell for cell in cells if cell[2]["part"] != "shares"])
 
 
+@pytest.mark.thorough
 def test_references_say_how_far_they_may_be_and_what_chaos_leaves_of_doubles(timed):
     rows = pd.DataFrame(ensemble_tables.scenario_rows(timed).values())
     assert np.isfinite(rows.lyapunov).all() and (rows.reference_gap <= rows.floor).all()
@@ -192,6 +193,7 @@ def test_a_scenario_too_stiff_for_series_has_a_reference_and_one_without_is_left
     assert ensemble_tables.usable(known, "state", 1.0, [3]) == [] and known[3]["smallest_target"] == math.inf
 
 
+@pytest.mark.thorough
 def test_profiles_count_failures_and_leave_out_what_has_no_reference(timed):
     tables = tabulate(timed)
     profiles = tables["performance_profile"]

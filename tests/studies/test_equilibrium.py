@@ -41,6 +41,7 @@ def test_a_method_that_loses_energy_passes_the_equilibrium_and_is_told(integrato
     assert summary["entropy_gap"] < -1e-5
 
 
+@pytest.mark.thorough
 def test_printed_data_show_growth_instead_of_a_gap():
     """docs/truth.md: strains 8.54 and 9.33 at t = 1500, growing like ln t (0.9 per unit over the last decade)."""
     row = run("tc_monolithic", "relative_equilibrium")

@@ -9,6 +9,7 @@ from tcbench.studies import mesh as study
 NAMES = [f"ring[n={n}]" for n in (6, 12, 24)]
 
 
+@pytest.mark.thorough
 def test_distances_are_those_of_the_nodes_that_meshes_share(tmp_path):
     options = {"dt": [0.2, 0.1]}
     table = tcbench.run(["tc_monolithic"], NAMES, ["mesh"], output=tmp_path, options=options).tables["mesh"]

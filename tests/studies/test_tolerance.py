@@ -38,6 +38,7 @@ def test_what_a_step_and_a_tolerance_buy():
     assert math.isnan(theirs["over_1e-9"])
 
 
+@pytest.mark.thorough
 def test_errors_are_beside_what_was_asked_for(tmp_path):
     """tc_auto keeps to its tolerance, odeint at its own end does not; the chart has a line for it."""
     tables = tcbench.run(
@@ -59,6 +60,7 @@ def test_errors_are_beside_what_was_asked_for(tmp_path):
     assert asked == [[1e-12, 0.1]] and max(len(line.get_xdata()) for line in of_steps.lines) > 5
 
 
+@pytest.mark.thorough
 def test_both_laws_do_not_keep_temperatures_in_their_range():
     """Stiff conduction rings: tc_monolithic leaves the range at every step, Gauss's collocation keeps it."""
     scenario = tcbench.scenarios()["short_term"]
