@@ -110,7 +110,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
     order, whole, t = step.order, times[-1] - times[0], times[0]
     h, states, done, before, stuck = (rtol + atol) ** (1 / order) * max(1.0, whole / LONG), [z], 0, step.iterations, 0
     kinks, turned = kinks_in(step.system), 0
-    least, atol = step.system.least_each, step.system.absolute(atol)
+    least, atol = step.system.state_magnitudes, step.system.absolute(atol)
     for end in times[1:]:
         while t < end:
             left = end - t

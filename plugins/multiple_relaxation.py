@@ -59,7 +59,7 @@ def weighed_anew(order):
     def corrections(z0, z1, h, system, start, first):
         """Of z1, towards the energy of the run and the entropy that the stages produce, along what they span."""
         states, rates, b = stages(order, start, h, system)
-        directions = orthogonal(system, rates, system.least_of(start) ** 2)
+        directions = orthogonal(system, rates, system.magnitudes_of(start) ** 2)
 
         def combined(slope):
             return sum(e * lifted(product(system, slope, e)) for e in directions)

@@ -12,13 +12,13 @@ _FREE = {}  # integrators that no run has, by kind of system and tolerance: heyo
 
 def compiled(system, tolerance, own):
     """An integrator for this kind of system and tolerance; constants are its run-time parameters. It has one scale for
-    all numbers: unless the units are the scenario's own, each is over its least size."""
+    all numbers: unless the units are the scenario's own, each is over its magnitude."""
     import heyoka as hy
 
     unknown = [hy.make_vars(f"x{i}") for i in range(system.size)]  # of one name alone it makes no list
     constants = [hy.par[i] for i in range(len(system.constant_values))]
     functions = {name: getattr(hy, name) for name in ops.functions() if hasattr(hy, name)} | {"pow": pow}
-    sizes = constants[len(constants) - len(system.least) :]
+    sizes = constants[len(constants) - len(system.magnitudes) :]
     each = [size for size, (a, b, _) in zip(sizes, system.layout.values(), strict=False) for _ in range(a, b)]
     state = unknown if own else [x * size for x, size in zip(unknown, each, strict=True)]
     rates = [hy.expression(r) if isinstance(r, float) else r for r in expressions(system, state, constants, functions)]

@@ -21,10 +21,10 @@ _FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to
 
 def program(system, own):
     """The formulas of the field in DiffSL: initial state and constants are inputs. One tolerance is for all numbers:
-    unless the units are the scenario's own, each is over its least size."""
+    unless the units are the scenario's own, each is over its magnitude."""
     text, (size,) = system.formula("vector_field")
     count = len(system.constant_values)
-    first = count - len(system.least)
+    first = count - len(system.magnitudes)
     each = [f"c{first + k}" for k, (a, b, _) in enumerate(system.layout.values()) for _ in range(a, b)]
     lines, out = [] if own else [f"y{i} {{ x{i} * {each[i]} }}" for i in range(size)], {}
     letter = "x" if own else "y"

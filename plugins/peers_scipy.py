@@ -40,7 +40,7 @@ def door_of_ode(name, stages):
     """Dormand and Prince's programs, called by `scipy.integrate.ode`; `stages` right-hand sides a step."""
 
     def begun(system, z0, t, rtol, atol):
-        """They take one atol for all numbers: each is over its least size where that is not 1."""
+        """They take one atol for all numbers: each is over its magnitude where that is not 1."""
         import scipy.integrate
 
         field, each = Field(system), system.unit_sizes

@@ -88,7 +88,7 @@ def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, f
 def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, weights: Any) -> Any:
     """To be taken from z1 for the laws of `first`, and the entropy of `start` at least, by the slopes at z0."""
     entropy = system.entropy(start)
-    wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.least_entropy + abs(entropy))]
+    wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.entropy_magnitude + abs(entropy))]
     misses = [target - f for target, f in zip(wanted, laws(system, z1), strict=True)]
     misses, slopes = (
         [*(-g for g in positions(system, z1)), *misses],
@@ -99,7 +99,7 @@ def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, weights: A
 
 def squares(system: System, z: Any) -> Any:
     """Of the sizes of a state's variables, each at least its least one."""
-    least = system.least_of(z)
+    least = system.magnitudes_of(z)
     return least * least + by_variable(system, z, z)
 
 
@@ -111,7 +111,7 @@ def onto_laws(system: System, start: Any, end: Any, first: Any = None, by: Flow 
     """The end of a step, or an output, projected; NaN where no state near it has the laws."""
     first = start if first is None else first
     wanted, entropy, left = system.observe(first), system.observe(start)[ENTROPY], np.inf
-    least = system.least_sizes[1]
+    least = system.law_magnitudes
     allowed = LAWFUL * (least + np.abs(wanted[: len(least)]))
     for _ in range(by.most):
         end = end + correction(by, system, start, end, first)
@@ -139,7 +139,7 @@ def _mended(states: Iterable[Any], system: System, z0: Any, tolerance: float) ->
     for state in itertools.islice(states, 1, None):
         z = np.asarray(state, dtype=float)
         last = onto_laws(system, last, z, first, PROJECTION_OF_OUTPUT)
-        if (np.abs(last - z) > MOVED * max(tolerance, LEAST) * (system.least_each + np.abs(z))).any():
+        if (np.abs(last - z) > MOVED * max(tolerance, LEAST) * (system.state_magnitudes + np.abs(z))).any():
             last = np.nan * last  # what the laws miss is no error of the solver's, as where the energy jumps
         yield last
 

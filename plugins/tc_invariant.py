@@ -42,10 +42,10 @@ def onto_invariants(z0, z1, h, system, start, first, chosen):
 
     momenta = system.momenta_gradients(z0)
     slopes = [system.gradient(z0), *(momenta[k] for k in held), system.entropy_gradient(z0)]
-    weights, slopes = system.least_of(z0) ** 2, [*position_slopes(system, z0), *slopes]
+    weights, slopes = system.magnitudes_of(z0) ** 2, [*position_slopes(system, z0), *slopes]
     along = Along(system, slopes, lambda slope: weights * slope, AT_REST)
     before = system.entropy(start)
-    least = before - ROUNDED * (system.least_entropy + abs(before))
+    least = before - ROUNDED * (system.entropy_magnitude + abs(before))
     wanted = [*laws(first)[:-1], maximum(lifted(system.entropy(z0)), lifted(least))]
     return -along.move([target - f for target, f in zip(wanted, laws(z1), strict=True)])
 

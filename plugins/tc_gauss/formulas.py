@@ -192,7 +192,7 @@ def started(system: Any, z: Any) -> list[Any]:
     """What a state begins with: rates, 1/sizes, of which a variable's numbers share one, and the energy."""
     one = 0.0 * z + 1.0
     means = [s / n for s, n in zip(*(entries(by_variable(system, x, x)) for x in (z, one)), strict=True)]
-    sizes = [least + lifted(mean).sqrt() for least, mean in zip(entries(system.least_of(z)), means, strict=True)]
+    sizes = [least + lifted(mean).sqrt() for least, mean in zip(entries(system.magnitudes_of(z)), means, strict=True)]
     return [system.vector_field(z), refilled(z, [1.0 / size for size in sizes]), lifted(system.energy(z))]
 
 

@@ -91,7 +91,7 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     n_factors = numbers.pairs + 1
     whole = system.multipliers or 0 < getattr(system, "n_elements", 0) <= MOST_ELEMENTS
     found = of_arrays(system, n_factors) if system.large and not whole else of_numbers(system, k, n_factors)
-    own = {"counts": Counts(), "budget": Budget(), "solve": Solve(), "least_energy": system.least_energy}
+    own = {"counts": Counts(), "budget": Budget(), "solve": Solve(), "least_energy": system.energy_magnitude}
     own["constrained"] = bool(system.multipliers)
     return LOOPS, Work(k=k, m=system.size, numbers=numbers, rows=1, n_factors=n_factors, **own, **found)
 

@@ -97,7 +97,7 @@ def prepared(system: System, order: int) -> tuple[Any, Any, float]:
         size=system.size, order=order, n_kinks=n_kinks, n_given=len(given), given=given, tolerance=0.0, few=0.0,
         n_target=made["to_start"].size, seldom=SELDOM, rows=1,
         **{name: late_address(x) if x.table is not None else x.address for name, x in made.items()},
-        counts=Counts(), trials=Trials(), course=Course(), least=np.square(system.least_each),
+        counts=Counts(), trials=Trials(), course=Course(), least=np.square(system.state_magnitudes),
         **damping.fields(order if order <= MOST_ORDER or not elements else 0),
     )  # fmt: skip
     return LOOPS, work, series_time

@@ -104,7 +104,7 @@ def rates_kernel(net: Any) -> ArrayKernel:
 
 def squared_size(net: Any, y: Any, found: Any) -> Symbol:
     """As `texts.squared_size`."""
-    least = net.least_of(y)
+    least = net.magnitudes_of(y)
     return trace.lifted((found * found / (least * least + y * y)).sum())
 
 

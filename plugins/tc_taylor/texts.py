@@ -59,7 +59,7 @@ def time_of(writer: Writer) -> float:
 def squared_size(writer: Writer, system: System, variables: list[Series], k: int) -> str:
     """Of coefficient k: the sum of its squares over least^2 + y^2."""
     sym = system.symbolic
-    least = [x * x for x in entries(sym.least_of(sym.state(trace.variables("y", system.size))))]
+    least = [x * x for x in entries(sym.magnitudes_of(sym.state(trace.variables("y", system.size))))]
     squares: dict[int, list[tuple[str, ...]]] = {}  # by the number of lanes
     for pack in dict.fromkeys(writer.packs.home[id(x)][0] for x in variables):
         y, value = writer.value(pack, 0), writer.value(pack, k)

@@ -70,7 +70,7 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
     """Of the tops that are reached from the start of a surface and from random states on it."""
     rng = np.random.default_rng(0)
     best = _top(surface, surface.start, within, rng)
-    size = np.maximum(surface.least, np.abs(surface.start))
+    size = np.maximum(surface.magnitudes, np.abs(surface.start))
     for k in range(1, STARTS * (1 + len(REACHES)) if best.exists else 0):
         with np.errstate(all="ignore"):
             if k < STARTS:
@@ -79,7 +79,7 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
                 begin = surface.start + REACHES[k // STARTS - 1] * size * rng.standard_normal(len(size))
             other = surface.back(begin)
         maximum = best if other is None else _top(surface, other, within, rng)
-        higher = NEAR * (surface.system.least_entropy + abs(best.entropy))
+        higher = NEAR * (surface.system.entropy_magnitude + abs(best.entropy))
         best = maximum if maximum.entropy > best.entropy + higher else best
     return best
 
@@ -87,23 +87,23 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
 def _top(surface: _Surface, z: Floats, within: float, rng: np.random.Generator) -> Equilibrium:
     """That which is reached from z."""
     system, before, flat = surface.system, np.inf, FLAT
-    least, least_s = surface.least, system.least_entropy
-    far = within * (1.0 + float(np.linalg.norm(surface.start / least)))
+    magnitudes, entropy_scale = surface.magnitudes, system.entropy_magnitude
+    far = within * (1.0 + float(np.linalg.norm(surface.start / magnitudes)))
     for _ in range(STEPS):
         step, gain, saddle = surface.uphill(z, flat)
         S = float(system.entropy(z))
-        near, lowest = gain <= NEAR * (least_s + abs(S)), S
+        near, lowest = gain <= NEAR * (entropy_scale + abs(S)), S
         if near and saddle is not None:
-            step, lowest = 1e-3 * (1.0 + np.linalg.norm(z / least)) * saddle * rng.choice((-1.0, 1.0)), -np.inf
+            step, lowest = 1e-3 * (1.0 + np.linalg.norm(z / magnitudes)) * saddle * rng.choice((-1.0, 1.0)), -np.inf
         higher, share = surface.climbed(z, step, lowest)
-        if gain <= THERE * (least_s + abs(S)) and saddle is None:
+        if gain <= THERE * (entropy_scale + abs(S)) and saddle is None:
             return _at(system, z if higher is None else higher)
         if higher is None:
             return _none(system, "the entropy rises to where a temperature or a measure is no longer positive")
-        whole = share == 1.0 and np.linalg.norm(step / np.maximum(least, np.abs(z))) < LONGEST
+        whole = share == 1.0 and np.linalg.norm(step / np.maximum(magnitudes, np.abs(z))) < LONGEST
         flat = FLAT if gain < 0.1 * before else max(FLATTEST, 0.1 * flat) if whole else min(FLAT, 10.0 * flat)
         z, before = higher, gain
-        if np.linalg.norm(z / least) > far:
+        if np.linalg.norm(z / magnitudes) > far:
             return _none(
                 system, f"the entropy still rises where the state is {within:g} times as large as at the start"
             )
@@ -131,7 +131,7 @@ class _Surface:
         self.system, self.start, self.count = system, start, 1 + len(system.invariant_names)
         self.kernel = _derivatives(system.symbolic)
         values = self.at(start)[0]
-        self.least, laws = system.least_each, np.delete(system.least_sizes[1], 1)
+        self.magnitudes, laws = system.state_magnitudes, np.delete(system.law_magnitudes, 1)
         self.target, self.scale = values[1:], np.maximum(laws, np.abs(values[1:]))
 
     def at(self, z: Floats) -> tuple[Floats, Floats, Floats]:
@@ -144,7 +144,7 @@ class _Surface:
     def uphill(self, z: Floats, flat: float) -> tuple[Floats, float, Floats | None]:
         """A step along the tangents, by how much S rises along it, and a direction in which S curves up, if any."""
         _, slopes, curves = self.at(z)
-        size = np.maximum(self.least, np.abs(z))
+        size = np.maximum(self.magnitudes, np.abs(z))
         rise, held = slopes[0] * size, slopes[1:] * size
         weights, *_ = np.linalg.lstsq(held.T, rise, rcond=1e-12)
         _, singular, rows = np.linalg.svd(held)
@@ -155,20 +155,20 @@ class _Surface:
             return np.zeros_like(z), 0.0, None
         bend, axes = np.linalg.eigh(tangent.T @ curve @ tangent)
         largest = max(1e-300, float(np.abs(bend).max()))
-        steepest = max(flat * largest, 1e-21 * self.system.least_entropy)
+        steepest = max(flat * largest, 1e-21 * self.system.entropy_magnitude)
         step = tangent @ (axes @ ((axes.T @ along) / np.maximum(np.abs(bend), steepest)))
         length = float(np.linalg.norm(step))
         step *= LONGEST / length if length > LONGEST else 1.0
         upward = size * (tangent @ axes[:, -1]) if bend[-1] > 1e3 * FLAT * largest else None
         return size * step, float(rise @ step), upward
 
-    def climbed(self, z: Floats, step: Floats, least: float) -> tuple[Floats | None, float]:
+    def climbed(self, z: Floats, step: Floats, lowest: float) -> tuple[Floats | None, float]:
         """The state after the longest of ever shorter parts of a step that is admissible and where S is not below
-        `least`, and which part."""
+        `lowest`, and which part."""
         for halvings in range(50):
             point = self.back(z + 0.5**halvings * step)
-            lower = 1e-15 * (self.system.least_entropy + abs(least))
-            if point is not None and self.system.entropy(point) >= least - lower:
+            lower = 1e-15 * (self.system.entropy_magnitude + abs(lowest))
+            if point is not None and self.system.entropy(point) >= lowest - lower:
                 return point, 0.5**halvings
         return None, 0.0
 
@@ -182,7 +182,7 @@ class _Surface:
                     return None
                 if np.all(np.abs(off) <= HELD * self.scale):
                     return z if self._admissible(z) else None
-                size = np.maximum(self.least, np.abs(z))
+                size = np.maximum(self.magnitudes, np.abs(z))
                 z = z - size * np.linalg.lstsq(slopes[1:] * size, off, rcond=1e-12)[0]
             return z if np.all(np.abs(off) <= 1e-10 * self.scale) and self._admissible(z) else None
 

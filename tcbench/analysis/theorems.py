@@ -288,7 +288,7 @@ def _from_state(scenario: Scenario, z: State) -> Scenario:
 
 def _scale(run: Trajectory) -> float:
     return max(
-        run.scenario.initial_exergy, abs(float(run.energy[0])), SMALLEST * float(run.scenario.model.least_energy)
+        run.scenario.initial_exergy, abs(float(run.energy[0])), SMALLEST * float(run.scenario.model.energy_magnitude)
     )
 
 
@@ -305,8 +305,8 @@ def energy_defect(run: Trajectory) -> float:
 
 
 def entropy_fall(run: Trajectory) -> float:
-    """Largest S_k - S_{k+1}, not below 0, over |S0|, or a least size."""
-    size = max(float(run.scenario.model.least_entropy), abs(float(run.entropy[0])))
+    """Largest S_k - S_{k+1}, not below 0, over |S0| or its magnitude."""
+    size = max(float(run.scenario.model.entropy_magnitude), abs(float(run.entropy[0])))
     return max(0.0, -run.summary.entropy_increment_min) / size
 
 
@@ -316,14 +316,14 @@ def lyapunov_rise(run: Trajectory) -> float:
 
 
 def _momentum(name: str) -> Callable[[Trajectory], float]:
-    """Largest |J_k - J_0| over |J0|, or a least size, and over the terms that J is the sum of, whose round-off it has:
+    """Largest |J_k - J_0| over |J0|, or its magnitude, and over the terms that J is the sum of, whose round-off it has:
     after a large explicit step they may be 1e5 of it."""
 
     def defect(run: Trajectory) -> float:
         which = run.scenario.model.invariant_names.index(name)
         terms = max(float(_terms(run.scenario.model, z)[which]) for z in run.z[[0, -1]])
-        least = float(run.scenario.model.least_sizes[1][2 + which])
-        size = max(least, abs(float(run.invariants[name][0])), terms)
+        magnitude = float(run.scenario.model.law_magnitudes[2 + which])
+        size = max(magnitude, abs(float(run.invariants[name][0])), terms)
         return run.summary.invariant_error_max[name] / size
 
     return defect

@@ -1,4 +1,4 @@
-"""How large the round-off of a formula is: from the sizes of its operations, and what they weigh in it."""
+"""The size of a formula's round-off, from the sizes of its operations and its derivatives by them."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ from .chain_rule import covectors
 from .derivatives import Symbol
 
 
-def round_off(f: Symbol, x: Sequence[Symbol], least: Sequence[Symbol] | None = None) -> Symbol:
-    """The round-off of f, in units of the last place: the sizes of its operations times what they weigh in f; of a
-    variable its least size, or the largest of an array, beside its size, for it may begin at 0. Without least sizes
-    that of x itself is left out: how large the terms of f are, that may cancel."""
+def round_off(f: Symbol, x: Sequence[Symbol], magnitudes: Sequence[Symbol] | None = None) -> Symbol:
+    """The round-off of f, over the unit round-off: the sum of |df/dn| |n| over the operations n that f is made of.
+
+    A variable counts with its magnitude beside its size, for it may begin at 0, and an array with its largest entry.
+    Without magnitudes the variables themselves are left out: what is left is the size of the terms of f.
+    """
     by, moving = covectors(f, x), trace.depends_on([f], x)
     nodes = [node for node in reversed(trace.topological([f])) if node.number in by and node.number in moving]
-    nodes = [node for node in nodes if least is not None or node.op != "var"]
-    sizes = dict(zip(x, least or (), strict=False))
+    nodes = [node for node in nodes if magnitudes is not None or node.op != "var"]
+    sizes = dict(zip(x, magnitudes or (), strict=False))
     return reduce(trace.add, (_rounded(node, by[node.number], sizes) for node in nodes), abs(f))
 
 
 def _rounded(node: Symbol, by: Symbol, sizes: dict[Symbol, Symbol]) -> Symbol:
-    """Of an operation, or a variable, and df by it. Of an array each entry is rounded by itself: these add up by their
-    squares, and what a sum loses grows as the root of their number."""
+    """|df/dn| |n| of one node n, by = df/dn. Entries of an array are rounded independently: they add up by squares, and
+    the loss of a sum grows as the root of their number."""
     if node.op == "total":
         op, space = node.value
         return abs(by) * total(op, abs(node.args[0]), space) * count(space).sqrt()
     if node.op != "var":
         return _in_all(by * node)
-    least = total("max", abs(node), node.space) if node.space else sizes[node]
-    return _in_all(abs(by) * (least + abs(node)))
+    magnitude = total("max", abs(node), node.space) if node.space else sizes[node]
+    return _in_all(abs(by) * (magnitude + abs(node)))
 
 
 def _in_all(size: Symbol) -> Symbol:

@@ -1,7 +1,7 @@
 """Reference solutions with a certificate: read from the package, or computed on the fly (`pairs`, `compute`).
 
-Every gap in this file is measured as max_i |a_i - b_i| / max(least_i, |b_i|) over the components of a state; least
-sizes are 1, but for what units make small or large (`System.least`).
+Every gap in this file is measured as max_i |a_i - b_i| / max(magnitude_i, |b_i|) over the components of a state;
+magnitudes are 1, but for what units make small or large (`System.magnitudes`).
 
 A reference answers two different questions, and keeps the answers apart:
 
@@ -74,10 +74,10 @@ class Reference:
         return self.states[self.index(t), :]
 
 
-def gap(a: ArrayLike, b: ArrayLike, least: Any = 1.0) -> float:
-    """max_i |a_i - b_i| / max(least_i, |b_i|) over the components; NaN as soon as one component is NaN."""
+def gap(a: ArrayLike, b: ArrayLike, magnitudes: Any = 1.0) -> float:
+    """max_i |a_i - b_i| / max(magnitude_i, |b_i|) over the components; NaN as soon as one component is NaN."""
     a, b = np.asarray(a), np.asarray(b)
-    return float(np.max(np.abs(a - b) / np.maximum(least, np.abs(b))))
+    return float(np.max(np.abs(a - b) / np.maximum(magnitudes, np.abs(b))))
 
 
 # ---- stored references
@@ -147,7 +147,7 @@ def stored(name_or_hash: str) -> Reference | None:
 
 def compute(
     field: Field, z0: ArrayLike, times: Sequence[float], tolerance: float = 1e-12, max_seconds: float = 300.0,
-    least: Any = 1.0, safety: float = SAFETY,
+    magnitudes: Any = 1.0, safety: float = SAFETY,
 ) -> Reference:  # fmt: skip
     """Reference at `times` for any smooth z' = f(z), z0 of shape (m,), from runs that share no step and no coefficient.
 
@@ -160,15 +160,17 @@ def compute(
         raise ValueError(f"Reference times must be positive and increasing; got {times}.")
     start = np.asarray(z0, float)
     most, fewer = STAGES if len(start) <= MANY else FEWER
-    fine = integrate(most, field, start, times, tolerance / 3, max_seconds, least)
-    coarse = integrate(fewer, field, start, times, tolerance, max_seconds, least)
+    fine = integrate(most, field, start, times, tolerance / 3, max_seconds, magnitudes)
+    coarse = integrate(fewer, field, start, times, tolerance, max_seconds, magnitudes)
     growth = np.zeros(len(times))
     signs = np.random.Generator(np.random.PCG64(len(start))).integers(0, 2, (SHAKES, 2, len(start)))
     for before, after in 1 + SHAKE * (2.0 * signs - 1):
-        moved = integrate(fewer, Shaken(field, before, after), start * before, times, tolerance, max_seconds, least)
-        growth = np.maximum(growth, [gap(a, b, least) / SHAKE for a, b in zip(moved, coarse, strict=True)])
+        moved = integrate(
+            fewer, Shaken(field, before, after), start * before, times, tolerance, max_seconds, magnitudes
+        )
+        growth = np.maximum(growth, [gap(a, b, magnitudes) / SHAKE for a, b in zip(moved, coarse, strict=True)])
     certificate = tuple(
-        max(safety * gap(a, b, least), ROUNDINGS * EPS * max(1.0, g))
+        max(safety * gap(a, b, magnitudes), ROUNDINGS * EPS * max(1.0, g))
         for a, b, g in zip(coarse, fine, growth, strict=True)
     )
     source = f"Radau IIA collocation of {most} against {fewer} stages in double precision"

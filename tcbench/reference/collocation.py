@@ -67,13 +67,13 @@ def radau(s: int) -> Tableau:
 
 def integrate(
     stages: int, field: Field, z0: ArrayLike, times: Sequence[float], tolerance: float = 1e-12,
-    max_seconds: float = 300.0, least: Any = 1.0,
+    max_seconds: float = 300.0, magnitudes: Any = 1.0,
 ) -> Floats:  # fmt: skip
     """States of z' = f(z) at `times` (increasing, from t = 0), shape (len(times), m).
 
-    `tolerance` bounds h |last Legendre coefficient of dz/dt| / max(least, |z|) on each step. The end point is far more
-    accurate than that (superconvergence), except in a stiff component, where it is about that. Raises ReferenceFailed
-    where it takes too long.
+    `tolerance` bounds h |last Legendre coefficient of dz/dt| / max(magnitudes, |z|) on each step. The end point is far
+    more accurate than that (superconvergence), except in a stiff component, where it is about that. Raises
+    ReferenceFailed where it takes too long.
     """
     method, z = radau(stages), np.array(z0, float)
     t, h, lost = 0.0, 1e-3, np.zeros_like(z)
@@ -98,11 +98,11 @@ def integrate(
                 )
             # halving what is left avoids a tiny last step, whose extrapolated guess would be poor
             step = end - t if end - t <= 1.01 * h else min(h, (end - t) / 2)
-            K = _stages(method, field, z, step, last, least)
+            K = _stages(method, field, z, step, last, magnitudes)
             if K is None:
                 h, last = step / 4, None
                 continue
-            error = step * float(np.max(np.abs(method.legendre[-1] @ K) / np.maximum(least, np.abs(z))))
+            error = step * float(np.max(np.abs(method.legendre[-1] @ K) / np.maximum(magnitudes, np.abs(z))))
             factor = min(3.0, 0.85 * (tolerance / max(error, 1e-300)) ** (1 / stages))
             h = step * max(0.2, factor) if step == end - t or factor < 1 else max(h, step * factor)
             if error > 5 * tolerance:
@@ -117,13 +117,13 @@ def integrate(
 
 
 def _stages(
-    method: Tableau, field: Field, z: Floats, h: float, last: tuple[Floats, float] | None, least: Any
+    method: Tableau, field: Field, z: Floats, h: float, last: tuple[Floats, float] | None, magnitudes: Any
 ) -> Floats | None:
     """Stage derivatives K = f(z + h A K), shape (s, m), by simplified Newton; None where it does not converge."""
     K = np.repeat(field.rows(z[None]), len(method.c), axis=0)
     if last is not None:
         K = method.extrapolation(h / last[1]) @ last[0]
-    weights, gain, previous = h / np.maximum(least, np.abs(z)), 1.0, np.inf
+    weights, gain, previous = h / np.maximum(magnitudes, np.abs(z)), 1.0, np.inf
     with np.errstate(all="ignore"):
         correct = _correction(method, field, z + h * (method.A[len(method.A) // 2] @ K), h)
         if correct is None:

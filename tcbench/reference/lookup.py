@@ -128,7 +128,7 @@ class _Recipe:
         self.model, self.start, self.times = scenario.model, scenario.z0, times
         self.text, _ = self.model.formula("vector_field")
         parts = (self.model.constant_values, self.start)
-        text = f"{algorithm()} {self.text} {[x.tolist() for x in parts]} {times} {self.model.least.tolist()}"
+        text = f"{algorithm()} {self.text} {[x.tolist() for x in parts]} {times} {self.model.magnitudes.tolist()}"
         self.key = hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
@@ -141,7 +141,7 @@ class _Recipe:
         safety = KINKED if "abs(" in self.text else SAFETY
         return compute(
             Field(self.model), self.start, self.times, max_seconds=DEADLINE if max_seconds is None else max_seconds,
-            least=self.model.least_each, safety=safety,
+            magnitudes=self.model.state_magnitudes, safety=safety,
         )  # fmt: skip
 
 
@@ -160,14 +160,14 @@ def recompute(scenario: Scenario) -> dict[str, Any]:
     kept = stored_for(scenario)
     last = max(scenario.t_converge, min(scenario.t_end, HORIZON))
     times = kept.times if kept else tuple(sorted({scenario.t_converge, last}))
-    recipe, least = _Recipe(scenario, times), scenario.model.least_each
+    recipe, magnitudes = _Recipe(scenario, times), scenario.model.state_magnitudes
     fresh, check = recipe.compute(), [float("nan")] * len(times)
     if fresh.source == pairs.SOURCE:
         with contextlib.suppress(ReferenceFailed):
             states = recipe.collocations().states
-            check = [gap(a, b, least) for a, b in zip(states, fresh.states, strict=True)]
+            check = [gap(a, b, magnitudes) for a, b in zip(states, fresh.states, strict=True)]
     before = kept or cached(recipe.key, lambda: fresh)
-    gaps = [gap(a, b, least) for a, b in zip(fresh.states, before.states, strict=True)]
+    gaps = [gap(a, b, magnitudes) for a, b in zip(fresh.states, before.states, strict=True)]
     allowed = [a + b for a, b in zip(fresh.floor, before.floor, strict=True)]
     rows = [
         {"t": t, "gap": g, "certificate": c, "check": other}

@@ -37,9 +37,9 @@ LINEAR = 1e-4  # a gap beyond has stopped growing, and says nothing: chaos has e
 
 
 class Pair(NamedTuple):
-    """At each time: states (m, n), their certificate, and how many times a change of the start has become.
+    """States at each time, shape (m, n); their certificate and the growth of a change of the start, shape (m,).
 
-    All but the states relative, as max |difference| / max(least, |z|), least sizes as `System.least` has them.
+    The latter are max |difference| / max(magnitude, |z|), dimensionless (`System.magnitudes`).
     """
 
     states: NDArray[np.float64]
@@ -81,7 +81,7 @@ def _solve(
     ends, runs = times.shape[1], RUNS * len(systems)
     states = np.full((runs, (ends + 1) * 2 * n), math.nan)
     signs = np.where(np.random.Generator(np.random.PCG64(n)).integers(0, 2, n), 1.0, -1.0)
-    each = np.array([x.least_each for x in systems])
+    each = np.array([x.state_magnitudes for x in systems])
     for i, z in enumerate(starts):
         states[RUNS * i : RUNS * (i + 1), : 2 * n] = np.append(z, np.zeros(n))
         shift = SHIFT * signs * np.maximum(each[i], np.abs(z))
@@ -94,7 +94,7 @@ def _solve(
         rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
         rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
         given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
-        least=np.repeat(each, RUNS, axis=0),
+        magnitudes=np.repeat(each, RUNS, axis=0),
     )  # fmt: skip
     LIBRARY.march(work)
     ends_of_runs = work.states.reshape(len(systems), RUNS, ends + 1, 2, n)
@@ -121,10 +121,10 @@ def memory(size: int) -> NDArray[np.float64]:
     return workspace
 
 
-def _pair(states: NDArray[np.float64], steps: int, least: NDArray[np.float64]) -> Pair:
+def _pair(states: NDArray[np.float64], steps: int, magnitudes: NDArray[np.float64]) -> Pair:
     """found: (run, time, high or low part, number)."""
     fine, coarse, shifted = states
-    size = np.maximum(least, np.abs(fine[:, 0]))
+    size = np.maximum(magnitudes, np.abs(fine[:, 0]))
     gap = np.max(np.abs(difference(fine, coarse)) / size, axis=1)
     apart = np.max(np.abs(difference(shifted, coarse)) / size, axis=1)
     growth = apart / SHIFT

@@ -87,7 +87,7 @@ def _path(symbolic: System, start: _Start, t_end: float) -> Path | None:
         try:
             solver = LSODA(
                 lambda t, z: np.asarray(model.vector_field(z)), 0.0, np.array(start.z0), t_end, rtol=TOLERANCE,
-                atol=TOLERANCE * np.asarray(model.least_each),
+                atol=TOLERANCE * np.asarray(model.state_magnitudes),
             )  # fmt: skip
             while solver.status == "running" and len(times) < MOST_STEPS and time.thread_time() - began < MOST_S:
                 solver.step()

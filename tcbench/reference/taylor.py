@@ -50,7 +50,7 @@ class Work(Record):
     places: Ints = sized("inputs")
     values: Matrix = sized("runs", "inputs")  # of each run: constants of the tape,
     given: Matrix = sized("runs", "constants")  # and of the compiled equations;
-    least: Matrix = sized("runs", "variables")  # sizes of their variables
+    magnitudes: Matrix = sized("runs", "variables")  # sizes of their variables
     tolerances: Floats = sized("runs")
     times: Matrix = sized("runs", "ends")
     states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # where it starts and at each time, high and low parts
@@ -114,7 +114,7 @@ def rough_exp(x: float) -> float:
 
 @exact
 def longest_step(j: Work, lane: int, run: int) -> float:
-    """At which the last two coefficients, over least + |y|, are as small as the tolerance; NaN of what is no number.
+    """The step at which the last two coefficients, over magnitude + |y|, are at the tolerance; NaN where one is NaN.
 
     Behind a turn many are 0 but for round-off, so all the high ones are looked at.
     """
@@ -123,7 +123,7 @@ def longest_step(j: Work, lane: int, run: int) -> float:
     for k in range(j.order, j.order - 2 if j.unit[lane] == 1.0 else j.wide, -1):
         largest = 1e-300
         for i in range(j.variables):
-            size, c = j.least[run, i] + abs(w[stride * i + lane]), w[stride * i + PAIR * k + lane]
+            size, c = j.magnitudes[run, i] + abs(w[stride * i + lane]), w[stride * i + PAIR * k + lane]
             largest = max(largest, abs(c) / size)
             sound += c - c
         low = min(low, (log_tolerance - rough_log(largest)) / k)
@@ -272,8 +272,8 @@ def compare(j: Work, lane: int) -> None:
     call(j.rate, probe, j.given[run], j.given_rate)
     size, off = min(1.0, LONG / j.times[run, j.ends - 1]), 0.0
     for i in range(n):
-        size = max(size, abs(j.given_rate[i]) / j.least[run, i])
-        off = max(off, abs(j.given_rate[i] - j.slope[i]) / j.least[run, i])
+        size = max(size, abs(j.given_rate[i]) / j.magnitudes[run, i])
+        off = max(off, abs(j.given_rate[i] - j.slope[i]) / j.magnitudes[run, i])
     if not off / size <= j.defects[run]:
         j.defects[run] = off / size
 

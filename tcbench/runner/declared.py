@@ -116,7 +116,7 @@ def rates(scenario: Scenario) -> list[float] | None:
     model, z0 = scenario.model, np.asarray(scenario.z0)
     if model.large:
         return None
-    sizes = NUDGE * np.maximum(model.least_each, np.abs(z0))
+    sizes = NUDGE * np.maximum(model.state_magnitudes, np.abs(z0))
     try:
         columns = [(model.vector_field(z0 + d) - model.vector_field(z0 - d)) / (2 * d.max()) for d in np.diag(sizes)]
         x = np.linalg.eigvals(np.array(columns, dtype=float).T)

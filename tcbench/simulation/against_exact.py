@@ -35,7 +35,7 @@ def errors_against_exact(run: Trajectory) -> dict[str, float]:
     t = min(float(run.t[last]), exact.end)
     z = exact(t)
     entropy = float(model.entropy(z))
-    rise, size = entropy - float(model.entropy(scenario.z0)), max(float(model.least_entropy), abs(entropy))
+    rise, size = entropy - float(model.entropy(scenario.z0)), max(float(model.entropy_magnitude), abs(entropy))
     error = abs(float(run.entropy[last] - run.entropy[0]) - rise) / rise if rise > LEAST_PRODUCED * size else math.nan
     row = {"t_compared": t, "error_entropy_produced": error}
     low, high = exact.ranges(t)
@@ -62,18 +62,18 @@ def errors_against_exact(run: Trajectory) -> dict[str, float]:
 
 
 def distance_to_exact(run: Trajectory, keep: Any = slice(None)) -> NDArray[np.float64]:
-    """max_i |z_i - exact_i| / max(least size, |exact_i|) of the recorded states `keep`.
+    """max_i |z_i - exact_i| / max(magnitude_i, |exact_i|) of the recorded states `keep`.
 
     Shape (kept,), dimensionless; NaN beyond HORIZON and where there is no exact course, whose own error is some 1e-8.
     """
-    exact, least = _exact(run.scenario, min(HORIZON, run.scenario.t_end)), run.scenario.model.least_each
+    exact, magnitudes = _exact(run.scenario, min(HORIZON, run.scenario.t_end)), run.scenario.model.state_magnitudes
     t, z = run.t[keep], run.z[keep]
     errors = np.full(len(t), math.nan)
     if exact is None:
         return errors
     for k in np.flatnonzero(t <= exact.end * (1 + 1e-12)):
         state = exact(min(float(t[k]), exact.end))
-        errors[k] = np.max(np.abs(z[k] - state) / np.maximum(least, np.abs(state)))
+        errors[k] = np.max(np.abs(z[k] - state) / np.maximum(magnitudes, np.abs(state)))
     return errors
 
 

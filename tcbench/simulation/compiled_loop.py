@@ -59,7 +59,7 @@ class Run(Record):
     departures: Floats = sized("n_invariants")  # largest of each invariant
     states: Matrix = sized("n_rows", "n")
     records: Matrix = sized("n_rows", "n_observables")
-    least: Floats = sized("n_invariants + 2")  # by what energy, entropy and invariants are measured at least
+    magnitudes: Floats = sized("n_invariants + 2")  # of energy, entropy and invariants
     allowed: Floats = sized("n_invariants + 2")  # what a state with the laws may miss of each observable
     counts: Ints = sized("n_rows")  # Newton iterations since the last record
 
@@ -190,7 +190,7 @@ def begin(run: Run) -> None:
     copy_into(run.states[0], run.z)
     copy_into(run.records[0], now)
     for i in range(len(run.allowed)):
-        run.allowed[i] = LAWFUL * (run.least[i] + abs(now[i])) if run.holds or i < FIRST_INVARIANT else np.inf
+        run.allowed[i] = LAWFUL * (run.magnitudes[i] + abs(now[i])) if run.holds or i < FIRST_INVARIANT else np.inf
 
 
 @late
@@ -239,7 +239,7 @@ def rounded(run: Run, now: Floats, entropy: float) -> bool:
     """Is next to nothing missed? What no move helps against is round-off: no less is asked of later steps."""
     for i in range(len(run.allowed)):
         value = run.observables[FIRST, i]
-        miss, most = abs(now[i] - value), NEAR * (run.least[i] + abs(value))
+        miss, most = abs(now[i] - value), NEAR * (run.magnitudes[i] + abs(value))
         if i == S:
             miss = entropy - now[S]
         if not (miss <= most or run.allowed[i] == np.inf):

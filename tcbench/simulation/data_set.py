@@ -42,7 +42,7 @@ class DataSet:
     times : shape (m,), in the scenario's unit of time, the first is 0.
     states : shape (k, m, n), trajectories by times by numbers of a state, in the units of the system's variables.
     rates : shape (k, m, n), dz/dt there.
-    error : shape (k, m), the stated error max |dz| / max(least size, |z|) of a state, dimensionless; 0 at the start.
+    error : shape (k, m), the stated error max |dz| / max(magnitude, |z|) of a state, dimensionless; 0 at the start.
     laws : name to array (k, m): energy, entropy and each invariant. temperatures : shape (k, m, nt).
     split : shape (k,), "train", "validation" or "test". about : scenario, variables, constants, who made each
     trajectory, version.
@@ -158,8 +158,8 @@ def _certified(scenario: Scenario, times: Floats, pair: pairs.Pair | None) -> tu
     for run in runs:
         if not run.ok:
             raise TcbenchError(f"A start of {scenario.name!r} has no trajectory: {run.failure}")
-    least = scenario.model.least_each
-    gap = np.max(np.abs(runs[0].z - runs[1].z) / np.maximum(least, np.abs(runs[1].z)), axis=1)
+    magnitudes = scenario.model.state_magnitudes
+    gap = np.max(np.abs(runs[0].z - runs[1].z) / np.maximum(magnitudes, np.abs(runs[1].z)), axis=1)
     return runs[1].z, SAFETY * np.maximum.accumulate(gap), f"tc_auto at {FINER:g} against {FALLBACK:g}"
 
 
@@ -206,7 +206,7 @@ def _constant_matrices(model: Any, states: Floats) -> dict[str, Any]:
 class Judgement:
     """How far the states of somebody's data set are from the solution, and what may have made it.
 
-    errors : shape (k, m), max |dz| / max(least, |z|) against the certified trajectory from the same first state.
+    errors : shape (k, m), max |dz| / max(magnitude, |z|) against the certified trajectory from the same first state.
     certificates : shape (k, m), the stated error of that trajectory; NaN where there is none. methods : (method, steps
     between two states of the data) to the median error of one such move over the first trajectory, the nearest first;
     empty where the states are the solution to round-off, for then every accurate method seems to have made them.
@@ -264,7 +264,7 @@ def judge(path: str | Path, scenario: Scenario, methods: Sequence[Any] = ()) -> 
     errors[:, 0] = certificates[:, 0] = 0.0
     for i, pair in enumerate(certified):
         if pair is not None:
-            size = np.maximum(model.least_each, np.abs(pair.states))
+            size = np.maximum(model.state_magnitudes, np.abs(pair.states))
             errors[i, 1:] = np.max(np.abs(states[i, 1:] - pair.states) / size, axis=1)
             certificates[i, 1:] = pair.certificate
     judged = Judgement(times, errors, certificates, {})
@@ -273,7 +273,7 @@ def judge(path: str | Path, scenario: Scenario, methods: Sequence[Any] = ()) -> 
 
 def _nearest(scenario: Scenario, times: Floats, states: Floats, methods: Sequence[Any]) -> dict[tuple[str, int], float]:
     """Of one-step methods, from each state of the data to the next: which one made them is at round-off."""
-    size = np.maximum(scenario.model.least_each, np.abs(states))
+    size = np.maximum(scenario.model.state_magnitudes, np.abs(states))
     errors = {}
     for method in methods:
         try:

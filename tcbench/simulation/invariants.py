@@ -68,7 +68,7 @@ def lost_in(run: Trajectory) -> list[Lost]:
 def term_sizes(system: System, z0: Any, z1: Any = None) -> Any:
     """Of each invariant the size of the terms that it is the sum of: |J| + |dJ/dz| . the sizes of the variables."""
     ends = np.abs([z0, z0 if z1 is None else z1]).max(axis=0)
-    scale = 1e-3 * np.asarray(system.least_each)
+    scale = 1e-3 * np.asarray(system.state_magnitudes)
     for a, b, _ in system.layout.values():
         scale[a:b] = np.maximum(scale[a:b], ends[a:b].max(initial=0.0))
     slopes = gradients(system, z0, 1e-6 * scale)

@@ -13,7 +13,7 @@ from ..integrator import Integrator
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import Rules, make_flows, set_length
 from ..solver.kernels_of_flow import FlowKernels
-from ..systems.least import entropy_size
+from ..systems.magnitudes import entropy_size
 from ..systems.scenario import Scenario
 from ..systems.system import System
 from .compiled_loop import LOOPS, Run
@@ -67,7 +67,7 @@ class Prepared:
             bound=math.inf, h=1.0,
             reference=model.reference_temperature, entropy_tolerance=ENTROPY_TOLERANCE, entropy_fall=ENTROPY_FALL,
             entropy_size=entropy_size(model),
-            c=c, others=self.others, tally=self.tally, least=model.least_sizes[1], **fields,
+            c=c, others=self.others, tally=self.tally, magnitudes=model.law_magnitudes, **fields,
         )  # fmt: skip
         self.run.make_room(2)
         self.way = "; ".join(dict.fromkeys(k.way for k in kernels))

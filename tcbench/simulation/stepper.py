@@ -151,6 +151,6 @@ class Stepper:
             ready.set_rules(Rules(), math.inf)
         if status != OK or self._solved(ready, z1, -h) != OK:
             return False
-        away = np.abs(ready.run.z - z) / np.maximum(self.system.least_each, np.abs(z))
+        away = np.abs(ready.run.z - z) / np.maximum(self.system.state_magnitudes, np.abs(z))
         ready.run.z[:] = z1
         return bool(away.max() <= BACK)

@@ -132,7 +132,7 @@ def _compiled_flows(
 
 
 def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
-    """(h, constants, the least sizes of the variables, two states: those at the start of the step and of the run); of a
+    """(h, constants, the magnitudes of the variables, two states: those at the start of the step and of the run); of a
     multistep method, in place of the states, the slopes (earlier state - z)/h."""
     z0 = scenario.z0
     further = [np.zeros(integrator.memory * len(z0))] if integrator.memory else [z0, z0]
@@ -166,8 +166,8 @@ def make_flows(
             **k.fields, n=model.size, n_constants=len(c), n_observables=n_observables, most=formula.most,
             observe=observe.address,
             continuation=rules.continuation, audit=rules.audit, residuals=rules.residuals,
-            reference=model.reference_temperature, least_energy=model.least_energy,
-            least_entropy=model.least_entropy, bound=bound, tally=tally, c=c,
+            reference=model.reference_temperature, least_energy=model.energy_magnitude,
+            least_entropy=model.entropy_magnitude, bound=bound, tally=tally, c=c,
             foreseen=Extrapolation(), kept=OldFactors(),
         )  # fmt: skip
         set_length(flow, k, formula.fraction * dt)

@@ -91,5 +91,5 @@ class FlowKernels:
 
 
 def constants(system: System, h: float, *further: Any) -> NDArray[np.float64]:
-    """(h, constants, least sizes, what the flow reads beside them): what kernels are given."""
+    """(h, constants, magnitudes, what the flow reads beside them): what kernels are given."""
     return np.concatenate([[h], system.constant_values[1:], *further])

@@ -174,7 +174,7 @@ def _moves(system: Any, z: Any, told: Any) -> list[list[Any]]:
     behind, half = 1 + len(others), len(held) // 2
     # each constraint and its rate first: of chains they have few neighbours; the entropy last: it leaves all alone
     order = [behind + i for k in range(half) for i in (k, k + half)] + [*range(behind), len(values) - 1]
-    least = system.least_of(z)
+    least = system.magnitudes_of(z)
     noises = [ROUND_OFF * round_off(f, entries(z), entries(least)) + TINY for f in values]
     start = [z, values[0], values[-1], noises[-1], noises[0]]
     for pair in zip([*others, *(const(0.0) for _ in held)], noises[1:-1], strict=True):

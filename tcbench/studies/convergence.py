@@ -89,9 +89,9 @@ def _end_state(integrator: Integrator, scenario: Scenario, n: int) -> tuple[floa
 
 
 def groups(model: System, z: Any) -> dict[str, Any]:
-    """The state by its variables, and the temperatures, over their least sizes; "all" is z, for theta is a function of
+    """The state by its variables, and the temperatures, over their magnitudes; "all" is z, for theta is a function of
     it."""
-    theta_size, scaled = model.least_energy / model.least_entropy, np.asarray(z, float) / model.least_each
+    theta_size, scaled = model.energy_magnitude / model.entropy_magnitude, np.asarray(z, float) / model.state_magnitudes
     state = model.state(scaled)
     found = {name: np.ravel(getattr(state, name)) for name in model.variables}
     theta = {"theta": model.temperatures(z) / theta_size} if model.n_temperatures else {}

@@ -62,14 +62,14 @@ def laws(run: Trajectory) -> dict[str, float]:
     """Largest error of each law over the completed steps; NaN where there are none. Dimensionless.
 
     energy: |E - E0|/V0; entropy: the largest fall in a step; invariants: their departure over the size of their terms,
-    |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of others over their value, or a least size.
+    |q0| |p0| (random momenta may cancel), at least 1e-12 of it; of others over their value or magnitude.
     """
     error = run.summary.energy_error_max
     within = error * run.scenario.initial_exergy <= run.scenario.energy_round_off
     found = {"energy": 0.0 if within else error, "entropy": max(0.0, -run.summary.entropy_increment_min)}
     model = run.scenario.model
     if not isinstance(model, ElementSystem):
-        least = dict(zip(model.invariant_names, model.least_sizes[1][2:].tolist(), strict=True))
+        least = dict(zip(model.invariant_names, model.law_magnitudes[2:].tolist(), strict=True))
         sizes = {name: max(least[name], abs(float(values[0]))) for name, values in run.invariants.items()}
         return found | {name: error / sizes[name] for name, error in run.summary.invariant_error_max.items()}
     start = model.state(run.z[0])

@@ -144,7 +144,7 @@ def symplecticity_defect(integrator: Integrator, scenario: Scenario, options: Ro
 
     try:
         z1, slopes = step(z0), []
-        for i, size in enumerate(NUDGE * np.maximum(model.least_each, np.abs(z0))):
+        for i, size in enumerate(NUDGE * np.maximum(model.state_magnitudes, np.abs(z0))):
             d = size * np.eye(len(z0))[i]
             slopes.append((step(z0 + d) - step(z0 - d)) / (2 * size))
     except ArithmeticError:
@@ -175,7 +175,7 @@ def reversibility_defect(integrator: Integrator, scenario: Scenario, options: Ro
         back = np.asarray(step(step(z0, h), -h))
     except (ArithmeticError, TcbenchError):
         return math.nan
-    return float(np.max(np.abs(back - z0) / np.maximum(scenario.model.least_each, np.abs(z0))))
+    return float(np.max(np.abs(back - z0) / np.maximum(scenario.model.state_magnitudes, np.abs(z0))))
 
 
 def substep_laws(integrator: Integrator, scenario: Scenario, options: Row) -> Row:

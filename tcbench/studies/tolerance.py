@@ -2,7 +2,7 @@
 
 Of a solver that is given a tolerance, the error over it is 1 where it is what was asked for. Of steps, the largest is
 told from which on every error is at most 1 %. Errors are those of work_precision: at its horizon, against the
-reference, each number over the larger of its size and its least size.
+reference, each number over the larger of its size and its magnitude.
 """
 
 from __future__ import annotations

@@ -250,7 +250,7 @@ def produced_error(scenario: Scenario, state: Any, exact: Any) -> float:
     """
     start, found, right = (scenario.model.entropy(z) for z in (scenario.z0, state, exact))
     made = right - start
-    least = LEAST_PRODUCED * max(scenario.model.least_entropy, abs(right))
+    least = LEAST_PRODUCED * max(scenario.model.entropy_magnitude, abs(right))
     return abs(found - right) / made if made > least else math.nan
 
 

@@ -128,7 +128,7 @@ class ElementSystem(ThermalVariables, System):
 
     def entropy_scale(self) -> Any:
         """Size of a typical entropy increment, for Newton's stopping test."""
-        return self.least[2]
+        return self.magnitudes[2]
 
     # ---- derived ---------------------------------------------------------------------------------------
 
@@ -197,7 +197,7 @@ class ElementSystem(ThermalVariables, System):
 
     def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
         z0 = self.state(z0)
-        least_q, least_p, *_ = self.least
+        least_q, least_p, *_ = self.magnitudes
         reach = 0.3 * max(least_q, float(np.abs(z0.q).max())), 0.5 * max(least_p, float(np.abs(z0.p).max()))
         q = z0.q + reach[0] * rng.standard_normal(len(z0.q))
         p = z0.p + reach[1] * rng.standard_normal(len(z0.p))

@@ -12,14 +12,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..errors import TcbenchError
-from .least_sizes import LeastSizes
+from .magnitudes import Magnitudes
 from .operators import projected
 from .traced import derived
 
 FORMULAS = ("energy", "entropy", "reversible", "irreversible")
 
 
-class Formulas(LeastSizes):
+class Formulas(Magnitudes):
     """Declarations and formulas, z of shape (size,), everything dimensionless; see `System`."""
 
     variables: Mapping[str, tuple[Any, ...]] = {}  # name -> shape

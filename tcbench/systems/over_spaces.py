@@ -176,7 +176,7 @@ class OverSpaces(Traced):
         cls, kind = type(self), object.__new__(type(self))
         own = kind.__dict__
         own.update(by_array=True, formulas=self.formulas, variables=self.declared_variables(), symbolic=kind)
-        own.update(n_positions=count("position"), n_elements=count("element"), least=self.least_symbols())
+        own.update(n_positions=count("position"), n_elements=count("element"), magnitudes=self.magnitude_symbols())
         own["size"] = sum(count(space_of(d)) * len(entries(fresh(n, d))) for n, d in cls.declared_variables().items())
         for name, (source, *columns, target) in cls.tables.items():
             places = np.arange(np.prod(columns, dtype=int)).reshape(columns)
@@ -253,7 +253,7 @@ class OverSpaces(Traced):
         for name, declared in type(self).constants.items():
             symbols = (None if x.op == "const" else x for x in entries(getattr(self, name)))
             blocks.append(Block(space_of(declared), tuple(symbols)))
-        return [*blocks, Block(NUMBER, tuple(self.least))]
+        return [*blocks, Block(NUMBER, tuple(self.magnitudes))]
 
     def _kernel(self, body: Callable[..., Any], sizes: tuple[int, ...]) -> tuple[Kernel, tuple[int, ...]]:
         if self.large and body.__name__ in WHOLE and self.size > traced.MOST_WHOLE:

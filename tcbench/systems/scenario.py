@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import TcbenchError, expect, positive, shown, unknown_name
 from .declaration import SETTINGS
 from .energy_scale import energy_round_off, energy_scale
-from .least import REST
+from .magnitudes import REST
 from .refusals import Fixed
 from .state import fixed, formulas_hash, real
 from .system import System

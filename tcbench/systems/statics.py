@@ -85,7 +85,7 @@ def _free(model: Any, variable: str, held: Any) -> Any:
 def _lowering(model: Any, z: Any, move: Any, slope: float) -> float:
     """The part of a move after which the energy is lower, round-off aside; 0: none is."""
     energy, part = float(model.energy(z)), 1.0
-    allowed = 1e-14 * (model.least_energy + abs(energy))
+    allowed = 1e-14 * (model.energy_magnitude + abs(energy))
     for _ in range(HALVES):
         with np.errstate(all="ignore"):
             new = float(model.energy(z + part * move))

@@ -193,20 +193,20 @@ class System(Formulas):
 
     def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
         """A random state around z0, not near; it need not be admissible."""
-        return self.state(z0 + 0.3 * np.maximum(0.3 * self.least_each, np.abs(z0)) * rng.standard_normal(self.size))
+        scale = np.maximum(0.3 * self.state_magnitudes, np.abs(z0))
+        return self.state(z0 + 0.3 * scale * rng.standard_normal(self.size))
 
     # ---- derived ---------------------------------------------------------------------------------------
 
     @cached_property
     def constant_values(self) -> NDArray[np.float64]:
-        """(time step, constants in declared order, `least`), shape (n_constant_values,): the second argument of every
-        kernel."""
+        """(h, constants in declared order, `magnitudes`), shape (n_constant_values,): each kernel's second argument."""
         declared = self.declared_values
-        return fixed(np.concatenate([declared[: len(declared) - len(self.least)], self.least]))
+        return fixed(np.concatenate([declared[: len(declared) - len(self.magnitudes)], self.magnitudes]))
 
     @cached_property
     def declared_values(self) -> NDArray[np.float64]:
-        """The same, shape (n_constant_values,), with 1 for all of `least`, which no formula of a system reads."""
+        """The same, shape (n_constant_values,), with 1 for all of `magnitudes`, which no formula of a system reads."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
         return fixed(np.concatenate([[0.0], *parts, np.ones(len(self.variables) + OF_LAWS)]).astype(np.float64))
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
-OF_LAWS = 2  # of `System.least` the last ones: of energy and entropy
+OF_LAWS = 2  # of `System.magnitudes` the last ones: of energy and entropy
 FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
 MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
 # what takes a state in any thermal variable
@@ -149,7 +149,7 @@ class Traced:
             clone = object.__new__(type(self))
             clone.__dict__.update(attributes(self, self.kept))
             clone.name_constants()
-            clone.__dict__["least"] = self.least_symbols()
+            clone.__dict__["magnitudes"] = self.magnitude_symbols()
             _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
         symbolic: Self = _SYMBOLIC[key]
         return symbolic
@@ -165,9 +165,9 @@ class Traced:
         """Systems of equal structure share formulas and kernels."""
         return (type(self), self.size, self.formulas, self.zeros)
 
-    def least_symbols(self) -> Any:
-        """New symbols for `System.least`."""
-        return trace.variables("least", len(self.variables) + OF_LAWS)
+    def magnitude_symbols(self) -> Any:
+        """New symbols for `System.magnitudes`."""
+        return trace.variables("magnitude", len(self.variables) + OF_LAWS)
 
     def symbols_of(self, name: str) -> Any:
         """New symbols for the entries of a constant; 0 for those that are switched off."""
@@ -180,9 +180,9 @@ class Traced:
         return symbols
 
     def constant_symbols(self) -> dict[trace.Symbol, str]:
-        """Kernel inputs for the constants and least sizes: symbol -> 'b[1]', ...; b[0] is the time step."""
+        """Kernel inputs for the constants and magnitudes: symbol -> 'b[1]', ...; b[0] is the time step."""
         symbols = [x for name in self.constants for x in np.ravel(getattr(self.symbolic, name))]
-        symbols += [*self.symbolic.least]
+        symbols += [*self.symbolic.magnitudes]
         return {x: f"b[{i + 1}]" for i, x in enumerate(symbols) if x.op != "const"}
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:

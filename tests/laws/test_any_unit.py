@@ -9,13 +9,13 @@ from spread import spread
 
 import tcbench
 from tcbench.plugins import find_integrator, find_scenario
-from tcbench.systems.least import _moved, exergy_at
+from tcbench.systems.magnitudes import _moved, exergy_at
 
 STEPS = 12
 SPRINGS = ("short_term", "chain[n=3]")
 SYSTEMS = ["short_term", "damped_oscillator", "rigid_body", "reaction", "heavy_top", "rubbing_piston"]
 MORE = ("tc_gauss[k=2]", "tc_taylor[order=8]", "projected[method=solve_ivp_rk45]", "controlled[method=gauss3]")
-# Of what is measured by least sizes these are in the method itself: which state a projection moves to, and from where
+# Of what is measured by magnitudes these are in the method itself: which state a projection moves to, and from where
 # on tc_gonzalez takes a slope for one of its own. 1 in the units of a scenario, they are what moves in others: see
 # docs/add-scenario.md. The laws are kept in any; the states differ by parts of the method's own error.
 BY_SIZE = {"projected", "multiple_relaxation", "cpg_invariant", "tc_taylor", "tc_gonzalez", "tc_gauss", "controlled"}
@@ -86,8 +86,10 @@ def test_a_run_is_the_same_in_any_unit(method, name):
 
 def test_scenarios_that_ship_are_measured_by_1_and_peers_run_on_them_as_they_are():
     """A peer whose variables are scaled took twice the time on runs of some microseconds."""
-    for scenario in tcbench.scenarios().values():
-        assert all((sizes == 1.0).all() for sizes in scenario.model.least_sizes), scenario.name
-        assert scenario.model.unit_sizes is None and scenario.model.absolute(1e-6) == 1e-6
+    for name, scenario in tcbench.scenarios().items():
+        model = scenario.model
+        assert (np.array([*model.magnitudes, *model.law_magnitudes]) == 1.0).all(), name
+        assert model.unit_sizes is None and model.absolute(1e-6) == 1e-6
     scaled = in_units("short_term", 1)[0].model
-    assert np.array_equal(scaled.absolute(1e-6), 1e-6 * scaled.least_each) and scaled.unit_sizes is scaled.least_each
+    sizes = scaled.state_magnitudes
+    assert np.array_equal(scaled.absolute(1e-6), 1e-6 * sizes) and scaled.unit_sizes is sizes

@@ -262,7 +262,7 @@ def test_a_projected_solver_stops_at_kinks(name):
 @pytest.mark.parametrize("scenario", UNSEEN[:-1], ids=lambda s: f"{s.system.__name__} {s.t_end:g}")
 def test_no_size_is_larger_than_what_a_run_moves_a_variable_by(scenario):
     """Where the energy is flat a size was 8192, or that of a clock 4e34: tolerances and moves were measured by it."""
-    assert (scenario.model.least_each <= 2 * max(1.0, scenario.t_end)).all()
+    assert (scenario.model.state_magnitudes <= 2 * max(1.0, scenario.t_end)).all()
 
 
 class HighPower(Moving):
@@ -339,7 +339,7 @@ class Wall(Moving):
 def test_a_wall_far_away_gives_a_size_to_what_moves_towards_it(k, at, width):
     """The place was measured by 4e-183: a move to behind the wall, where the energy is 1e203, was scaled down."""
     scenario = unseen(Wall, k, at, width, t_end=1.5 * at)
-    assert scenario.model.least_each.tolist() == [1.0, 1.0, 1.0]
+    assert scenario.model.state_magnitudes.tolist() == [1.0, 1.0, 1.0]
     for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive"):
         run = tcbench.simulate(method, scenario, tolerance=1e-6)
         assert run.ok and run.z[-1, 1] == pytest.approx(-1.0, abs=1e-4), (method, run.failure)

@@ -36,7 +36,7 @@ def test_stated_errors_hold_against_another_method(pendulum):
             rtol=1e-13,
             atol=1e-14,
         ).y.T
-        size = np.maximum(scenario.model.least_each, np.abs(states))
+        size = np.maximum(scenario.model.state_magnitudes, np.abs(states))
         # 1e-9: one of the starts magnifies what rounding takes from that solver a million times
         assert np.all(np.max(np.abs(other - states) / size, axis=1) <= error + 1e-9)
     assert pendulum.error.max() < 1e-12
@@ -65,7 +65,7 @@ def test_a_data_set_of_a_method_names_it(tmp_path):
     (nearest, missed), (_, second) = [*found.methods.items()][:2]
     assert nearest == ("tc_strang", 2) and missed < 1e-14 < 1e-10 < second
     truth = tcbench.simulate("tc_gauss_adaptive", SCENARIO, times=[0, 4.0], tolerance=1e-12).z[-1]
-    size = np.maximum(tcbench.scenarios()[SCENARIO].model.least_each, np.abs(truth))
+    size = np.maximum(tcbench.scenarios()[SCENARIO].model.state_magnitudes, np.abs(truth))
     assert found.errors[0, -1] == pytest.approx(np.max(np.abs(run.z[-1] - truth) / size), rel=1e-4)
 
 

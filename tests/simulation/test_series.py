@@ -72,7 +72,7 @@ def test_of_many_temperatures_the_range_and_the_mean_are_kept_and_drawn_as_a_ban
 def test_the_distance_from_the_exact_motion_is_that_from_a_finer_run():
     run, fine = (tcbench.simulate(m, SHORT, **how) for m, how in (("midpoint_entropy", {"dt": 0.1}), ("tc_auto", {})))
     exact = tcbench.simulate("tc_auto", SHORT, tolerance=1e-12, times=run.t[1:])
-    wanted = (np.abs(run.z - exact.z) / np.maximum(run.scenario.model.least_each, np.abs(exact.z))).max(axis=1)
+    wanted = (np.abs(run.z - exact.z) / np.maximum(run.scenario.model.state_magnitudes, np.abs(exact.z))).max(axis=1)
     assert np.allclose(distance_to_exact(run), wanted, rtol=1e-4, atol=1e-8) and distance_to_exact(fine).max() < 1e-5
 
 

@@ -63,8 +63,8 @@ def test_an_energy_counted_from_elsewhere_costs_no_digits(method, units, beyond)
 def test_sizes_are_within_a_factor_of_32_of_the_unit(exponent):
     """A move that is short beside 1 showed no curvature where momenta are of 2^30: their size was 2^7 times that."""
     units = np.exp2(np.array([-20.0, 0.0, -5.0, 0.0, 0.0]) + [0.0, exponent / 2, 0.0, exponent, 0.0])
-    off = np.log2(pendulum(tuple(units)).model.least[:3] / units[:3])
-    usual = pendulum(tuple(units)).model.least[:3] == 1.0
+    off = np.log2(pendulum(tuple(units)).model.magnitudes[:3] / units[:3])
+    usual = pendulum(tuple(units)).model.magnitudes[:3] == 1.0
     assert (np.abs(off[~usual]) <= 5).all()
 
 
@@ -72,7 +72,7 @@ def test_sizes_are_within_a_factor_of_32_of_the_unit(exponent):
 def test_a_short_period_is_not_skipped(exponent):
     """Moves over many periods changed the energy little by chance: a size was 4 million periods."""
     scenario = pendulum((2.0**exponent, 1.0, 1.0, 1.0, 1.0))
-    assert abs(np.log2(scenario.model.least[0]) - exponent) <= 5
+    assert abs(np.log2(scenario.model.magnitudes[0]) - exponent) <= 5
 
 
 class Bonds(Mechanical):
