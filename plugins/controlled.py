@@ -26,8 +26,8 @@ from .tc_gauss.march import CLOSER, LITTLE, UNSEEN, turn
 from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
-SAFETY, SHRINK, GROW, SMALLEST, TINY = 0.9, 0.2, 5.0, 1e-12, 1e-300
-ROUND_OFF = 4e-16  # of a component: a gap as small says nothing of the method
+SAFETY, SHRINK, GROW, SMALLEST, NOT_ZERO = 0.9, 0.2, 5.0, 1e-12, 1e-300
+GAP_ROUND_OFF = 4e-16  # relative gap of a component that says nothing of the method
 UNEVEN, ALIKE = 0.375, 32.0  # the first of two other parts, and round-offs by which these may differ from the halves
 LEAST_SHARE = 1e-3  # of the tolerance: what a step may miss, however short it is, where rates have kinks
 MOST_TURNS = 60  # steps in a row that meet a kink, before a run is given up: it sticks in one, or slides along it
@@ -119,7 +119,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 once, half = step(z, tried), step(z, tried / 2)
                 twice = step(half, tried / 2)
                 gap, size = np.abs(twice - once), np.maximum(np.abs(z), np.abs(twice))
-                digits = ROUND_OFF * np.maximum(least, size)
+                digits = GAP_ROUND_OFF * np.maximum(least, size)
                 if (gap <= ALIKE * digits).all():  # exact, or a step that the method itself took in halves
                     uneven = np.abs(step(step(z, UNEVEN * tried), tried - UNEVEN * tried) - twice)
                     gap = np.where(uneven > ALIKE * digits, (2**order - 1) * uneven, gap)
@@ -138,7 +138,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 rounded = not kink and bool((gap <= digits).all())
             except ArithmeticError as failed:
                 error, why, rounded, kink = np.inf, str(failed), False, False
-            proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + TINY) ** (-1 / (2 if kink else order))))
+            proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + NOT_ZERO) ** (-1 / (2 if kink else order))))
             stuck = stuck + 1 if error > 1 and rounded else 0
             # a step that was cut to end at an output says nothing against a longer one
             h = proposed if error > 1 or tried >= h else max(h, proposed)

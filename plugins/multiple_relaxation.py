@@ -18,9 +18,9 @@ from tcbench.solver.mending import Along, product
 from .relaxation import TABLEAUX
 
 DEPENDENT = 1e-10  # of a rate, its part that is free of those before: round-off
-TINY = 1e-300  # beside squares that may be 0, of rates
+NOT_ZERO = 1e-300  # beside squares that may be 0, of rates
 AT_REST = 1e-10  # of the square of DS, its part free of DE: less is damped
-MOST = 10  # slopes in a step
+MAX_SLOPES = 10  # corrections of a step, each with new slopes
 
 
 def stages(order, z0, h, system):
@@ -43,7 +43,7 @@ def orthogonal(system, rates, units):
         for e in (*basis, *basis):  # twice is enough (Parlett)
             rest = rest - e * lifted(product(system, e, rest / units))
         square = lifted(product(system, f, f / units))
-        basis.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + TINY) ** 0.5)
+        basis.append(rest / (lifted(product(system, rest, rest / units)) + DEPENDENT**2 * square + NOT_ZERO) ** 0.5)
     return basis
 
 
@@ -83,7 +83,7 @@ def multiple_relaxation(order="4"):
         order=p,
         claims={"energy", "entropy"},
         source="Biswas and Ketcheson (2023), SIAM J. Sci. Comput. 45: A3305-A3331; Ranocha et al. (2020)",
-        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, most=MOST)],
+        flows=[Flow(runge_kutta(p)), Flow(weighed_anew(p), of_step=True, most=MAX_SLOPES)],
         tags={"explicit", "projected"},
         by_default=False,
     )

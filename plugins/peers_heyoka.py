@@ -6,7 +6,7 @@ from tcbench import Integrator, hookimpl
 from tcbench.compiler import ops
 from tcbench.systems.right_hand_side import expressions
 
-MOST = 200  # numbers of a state: heyoka takes seconds to compile the formulas of so many, minutes for more
+LIMIT = 200  # numbers of a state: heyoka takes seconds to compile the formulas of so many, minutes for more
 _FREE = {}  # integrators that no run has, by kind of system and tolerance: heyoka takes a second to make one
 
 
@@ -29,8 +29,9 @@ def compiled(system, tolerance, own):
 
 def refuses(system):
     n = system.size
-    if n > MOST:
-        return f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}: take tc_taylor"
+    if n > LIMIT:
+        told = f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {LIMIT}"
+        return f"{told}: take tc_taylor"
     kinked = "abs(" in system.formula("vector_field")[0]
     return f"the rates of {system.name} use abs, which heyoka does not have: take tc_taylor" if kinked else ""
 

@@ -14,7 +14,7 @@ SOLVERS = ("bdf", "esdirk34", "tr_bdf2")  # the first is the default
 FIRST_STEP = 1e-3  # of the tolerance's square root: the package's own, 1.0, lasts longer than a stiff start
 NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}  # of functions that their language calls otherwise
 KNOWN = (*NAMES, "exp", "log", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh", "abs", "pow")
-MOST = 200  # numbers of a state: their compiler takes 50 s and 1.6 GB for so many, and 4 min and 6 GB for twice as many
+LIMIT = 200  # length of a state: their compiler takes 50 s and 1.6 GB for it, and 4 min and 6 GB for twice as much
 GIVEN_UP = "ODE solver error: "  # how a message of a solver that gives up begins
 _FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to make one
 
@@ -47,8 +47,8 @@ def program(system, own):
 
 def refuses(system):
     n = system.size
-    told = f"pydiffsol compiles a formula for each of the {n} numbers of {system.name}, at most {MOST}: take cvode"
-    return told if n > MOST else ""
+    told = f"pydiffsol compiles a formula for each of the {n} numbers of {system.name}, at most {LIMIT}: take cvode"
+    return told if n > LIMIT else ""
 
 
 def pydiffsol(solver="bdf"):

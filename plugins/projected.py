@@ -41,9 +41,9 @@ from tcbench.solver.mending import (
 from .exact_conduction import VERLET_HEAT4
 from .solver_kinks import stopped_at_kinks
 
-MOST = 10  # slopes in a step: one where little is missed, more of a stiff spring at a long step
+MAX_SLOPES = 10  # slopes in a step: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
-MOVED, LEAST = 1e3, 1e-11  # tolerances by which an output may be moved, and the least of these
+MOVED, LEAST = 1e3, 1e-11  # a correction may move an output by MOVED tolerances; smaller ones than LEAST count as LEAST
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
 
 
@@ -103,8 +103,8 @@ def squares(system: System, z: Any) -> Any:
     return least * least + by_variable(system, z, z)
 
 
-PROJECTION = Flow(projection, of_step=True, most=MOST)
-PROJECTION_OF_OUTPUT = Flow(projection_of_output, of_step=True, most=MOST)
+PROJECTION = Flow(projection, of_step=True, most=MAX_SLOPES)
+PROJECTION_OF_OUTPUT = Flow(projection_of_output, of_step=True, most=MAX_SLOPES)
 
 
 def onto_laws(system: System, start: Any, end: Any, first: Any = None, by: Flow = PROJECTION) -> Any:

@@ -22,7 +22,7 @@ SECANTS = 6
 EPS = np.finfo(float).eps  # of the sizes of the energy's terms: differences as small say nothing of a slope
 UNSEEN = 1e3  # times them: where tau changes the energy by less, as where nothing works, every tau will do
 LEFT = 1e-12  # of the energy, over the size of the terms of its sum: beyond it there was no such tau
-TINY = 1e-300
+NOT_ZERO = 1e-300  # added to a square by which is divided
 
 
 def relaxed(order):
@@ -48,13 +48,13 @@ def relaxed(order):
         d, g, size = tried(h)
         slope = -(system.gradient(system.state(z0 + h * d)) @ d)  # to leading order
         unseen = UNSEEN * EPS * size / h
-        tau, step = h, -g * slope / (slope * slope + unseen * unseen + TINY)
+        tau, step = h, -g * slope / (slope * slope + unseen * unseen + NOT_ZERO)
         for _ in range(SECANTS):
             tau, before = tau + step, g
             d, g, size = tried(tau)
             change, noise = g - before, EPS * size
-            step = -g * step * change / (change * change + noise * noise + TINY)
-        room = trace.maximum(LEFT * size + EPS * abs(system.energy(z0)) + TINY - abs(g), trace.const(0.0))
+            step = -g * step * change / (change * change + noise * noise + NOT_ZERO)
+        room = trace.maximum(LEFT * size + EPS * abs(system.energy(z0)) + NOT_ZERO - abs(g), trace.const(0.0))
         return z1 - z0 - each(lambda x: trace.guarded(h * x, [1.0 / room]), d)
 
     return residual

@@ -23,7 +23,7 @@ FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many 
 PARTS = 8  # of an interval with a kink, each looked at
 DEEP = 6  # parts of parts, in which one that turns before it changes its sign may do so
 FINER, FINEST = 8.0, 3e-14  # its tolerance, of which each piece may miss one, over this; the least that solvers take
-MOST = 8  # kinks in one interval: then a motion slides along one, or they are too many for what each adds to the error
+MANY = 8  # kinks in one interval: a motion with more slides along one, or the errors that each adds are too many
 MOST_PARTS = 50  # intervals in an interval that are solved in parts, for the same reasons
 BEHIND = 1e-14  # a kink, over the time
 
@@ -87,7 +87,7 @@ class Run:
 
     def across(self, z: Any, t: float, end: float, deep: int = 0) -> Any:
         """The state at the end of an interval, begun anew behind each kink in it."""
-        for _ in range(min(MOST, self.left)):
+        for _ in range(min(MANY, self.left)):
             self.left -= 1
             parts = np.linspace(t, end, PARTS + 1)
             states = [z, *self.solve(z, parts)]
@@ -106,7 +106,7 @@ class Run:
             if t >= end:
                 return z
         raise ArithmeticError(
-            f"more than {MOST} kinks of the rates follow each other at t = {t:g}: ask for more output times; {NO_RATES}"
+            f"more than {MANY} kinks of the rates follow each other at t = {t:g}: ask for more output times; {NO_RATES}"
         )
 
     def behind(self, z: Any, t: float, end: float, crossed: Any) -> tuple[Any, float]:

@@ -23,7 +23,7 @@ from .tc_monolithic import tc_monolithic
 
 AT_REST = 1e-12  # of the square of DS, its part free of the others: less is damped
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
-MOST = 10  # slopes in a step
+MAX_SLOPES = 10  # corrections of a step, each with new slopes
 
 
 def onto_invariants(z0, z1, h, system, start, first, chosen):
@@ -56,7 +56,7 @@ def those_that_move(system):
 
 
 def projection(chosen):
-    return Flow(onto_invariants, of_step=True, most=MOST, chosen=chosen)
+    return Flow(onto_invariants, of_step=True, most=MAX_SLOPES, chosen=chosen)
 
 
 @hookimpl

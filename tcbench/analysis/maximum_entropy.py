@@ -20,20 +20,20 @@ from ..systems.state import fixed
 from ..systems.system import System
 
 Floats = NDArray[np.float64]
-MOST = 80  # numbers of a state: the matrices of second derivatives are written out
-STEPS = 300
-NEAR, THERE = 1e-9, 1e-14  # what a step promises of S, relative: near a top, along a valley maybe; at it
-LONGEST = 0.5  # step, over the size of a state
-STARTS = 8  # near ones from which S is climbed, for it may have several tops; and as many at each of these distances
-REACHES = (1.0, 2.0)  # over the size of each number
-FLAT, FLATTEST = 1e-9, 1e-15  # curvature, relative to the largest, that counts as no less: at first, and after steps
+MAX_NUMBERS = 80  # numbers of a state: the matrices of second derivatives are written out
+STEPS = 300  # of one climb
+NEAR_TOP, AT_TOP = 1e-9, 1e-14  # relative gain of S that a step predicts: near a maximum, or in a valley; at it
+LONGEST = 0.5  # the longest step, over the size of the state
+STARTS = 8  # of climbs near the best maximum, for S may have several, and as many at each of the REACHES
+REACHES = (1.0, 2.0)  # distances of such starts, over the size of each number
+FLAT, FLATTEST = 1e-9, 1e-15  # floor of curvatures, relative to the largest: at first, and after steps
 FAR = 100.0  # times the size of the start: an equilibrium beyond is not within reach
-HELD = 1e-13  # of the constraints, relative
-ADMISSIBLE = 0.0  # temperatures and measures are above
+HELD = 1e-13  # relative residual of the constraints
+ADMISSIBLE = 0.0  # temperatures and measures are larger
 
 
-MOST_FOUND = 100
-_FOUND: dict[Any, Equilibrium] = {}  # in this process, by all that they follow from: methods share their scenarios
+CACHED_MAXIMA = 100
+_MAXIMA: dict[Any, Equilibrium] = {}  # of this process, by all that they depend on: methods share scenarios
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,16 +53,16 @@ def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium
 
     within : how many times as large as z0 a state on the way may be.
     """
-    if system.size > MOST:
+    if system.size > MAX_NUMBERS:
         return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
     z0 = np.array(z0, float)
     key = system.structure, system.constant_values.tobytes(), z0.tobytes(), within
-    state = _FOUND.get(key)
+    state = _MAXIMA.get(key)
     if state is None:
         state = _highest(_Surface(system, z0), within)
-        if len(_FOUND) >= MOST_FOUND:
-            _FOUND.clear()  # another thread may be about to read
-        _FOUND[key] = state
+        if len(_MAXIMA) >= CACHED_MAXIMA:
+            _MAXIMA.clear()  # another thread may be about to read
+        _MAXIMA[key] = state
     return state
 
 
@@ -79,7 +79,7 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
                 begin = surface.start + REACHES[k // STARTS - 1] * size * rng.standard_normal(len(size))
             other = surface.back(begin)
         maximum = best if other is None else _top(surface, other, within, rng)
-        higher = NEAR * (surface.system.entropy_magnitude + abs(best.entropy))
+        higher = NEAR_TOP * (surface.system.entropy_magnitude + abs(best.entropy))
         best = maximum if maximum.entropy > best.entropy + higher else best
     return best
 
@@ -92,11 +92,11 @@ def _top(surface: _Surface, z: Floats, within: float, rng: np.random.Generator) 
     for _ in range(STEPS):
         step, gain, saddle = surface.uphill(z, flat)
         S = float(system.entropy(z))
-        near, lowest = gain <= NEAR * (entropy_scale + abs(S)), S
+        near, lowest = gain <= NEAR_TOP * (entropy_scale + abs(S)), S
         if near and saddle is not None:
             step, lowest = 1e-3 * (1.0 + np.linalg.norm(z / magnitudes)) * saddle * rng.choice((-1.0, 1.0)), -np.inf
         higher, share = surface.climbed(z, step, lowest)
-        if gain <= THERE * (entropy_scale + abs(S)) and saddle is None:
+        if gain <= AT_TOP * (entropy_scale + abs(S)) and saddle is None:
             return _at(system, z if higher is None else higher)
         if higher is None:
             return _none(system, "the entropy rises to where a temperature or a measure is no longer positive")

@@ -28,16 +28,16 @@ FINE = 64  # rungs an octave
 COARSE = 16  # fine rungs in a coarse one: 2^(k/4)
 WINDOW = 16  # rungs of the window of dt_half
 LOWEST, FINEST, START, CAP = -10 * FINE, -6 * FINE, -5 * FINE, 2 * FINE  # 2^-10, 2^-6, 2^-5 and 4
-BELOW = 2 * FINE  # the fine ladder starts two octaves below the first coarse failure: a coarse one errs by up to 2x
-LONG = 3000  # steps of a run: where it takes more, the fine ladder starts one octave below
-LONGEST = 12_000  # steps of a run: on finer rungs the coarse ladder does not start
+BELOW = 2 * FINE  # the fine ladder starts two octaves below the first coarse failure, which errs by up to 2x
+LONG = 3000  # steps of a run above which the fine ladder starts one octave below
+LONGEST = 12_000  # steps of a run above which the coarse ladder does not start at a rung
 FOLD_BELOW = 2 * COARSE
-SPREAD, SAMPLES = 0.01, 41  # steps of the sensitivity of a blow-up time
+SPREAD, SAMPLES = 0.01, 41  # relative spread and number of the steps whose blow-up times are compared
 FACTORS = (0.5, 1.0, 4.0)  # of the blow-up bound
 
 OK, SOLVER, BRANCH, PHYSICAL, NONE = "ok", "solver", "branch", "physical", "none"
-POSITIVE = "positivity"  # of a limit: a temperature, or what measures() says must be positive, comes to 0
-EDGE, HALVINGS = 1e-6, 40  # what is left of it, over what it was, and how near to the last h with a root one looks
+POSITIVE = "positivity"  # kind of a limit: a temperature, or a value of measures(), comes to 0
+EDGE, HALVINGS = 1e-6, 40  # part of it that is left at the limit; halvings towards the last h with a root
 
 
 @dataclass(frozen=True, eq=False)

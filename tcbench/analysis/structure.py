@@ -22,10 +22,10 @@ from ..systems.element_system import ElementSystem
 from ..systems.system import System
 
 FORMULAS = tuple(MATRICES)
-SPREAD = 2.0  # random slopes are the true ones, times a number from 1/2 to 2
+SPREAD = 2.0  # random covectors are the gradients times factors from 1/2 to 2
 ROUNDOFF = 1e-13  # of sums of some ten terms of one size
-OF_DIFFERENCES = 1e-7  # a rate that is measured by central differences
-CANCELLED = 1e-11  # of a rate whose terms nearly cancel, as (dE . dE) dS - (dE . dS) dE does where dE is along dS
+OF_DIFFERENCES = 1e-7  # relative error of a rate that central differences measure
+CANCELLED = 1e-11  # round-off of a rate whose terms nearly cancel: (dE . dE) dS - (dE . dS) dE where dE is along dS
 Row = Callable[[str, str, str, float, float, str], Any]
 
 

@@ -33,14 +33,14 @@ PATIENCE = 100  # random states of which none is admissible, before they are tak
 STATES = 200  # random pairs of states for the operators
 RANDOM_STEPS = 100  # random steps for each integrator
 ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
-LAST_DIGITS, SHAKEN = 4 * float(np.finfo(float).eps), 8  # by which states are moved, and how often, for what that does
-CLOSE, SECOND, AGREED = (1e-2, 1e-3), 1.9, 20  # distances; the power that is called 2; pairs of states
-SOLVED = 1e-12  # of a step: what a converged Newton iteration leaves, relative
-TINY = 1e-8  # of a state: how far it is moved to see how fast what must be positive changes
-EQUIVARIANT = 1e-9  # two solves of one step, in turned coordinates: round-off times the condition of the step
-SMALLEST = 1e-3  # energy that errors are measured against where a system has next to none
-ENOUGH = 0.9  # part of the random steps that must be solved for a verdict on them
-NEAR = 1e-4  # of a component: how far it is moved for a derivative
+LAST_DIGITS, SHAKEN = 4 * float(np.finfo(float).eps), 8  # how far, and how often, states are moved to see round-off
+CLOSE, SECOND, AGREED = (1e-2, 1e-3), 1.9, 20  # distances of states; the least slope that counts as order 2; pairs
+SOLVED = 1e-12  # relative residual that a converged Newton iteration leaves
+PROBE = 1e-8  # relative move of a state that shows how fast its positive quantities change
+EQUIVARIANT = 1e-9  # gap of two solves of one step in turned coordinates: round-off times the condition number
+SMALLEST = 1e-3  # of the energy magnitude: the least scale of energy errors, where a system has next to no energy
+SOLVED_SHARE = 0.9  # share of the random steps that must be solved for a verdict
+DIFFERENCE_STEP = 1e-4  # relative step of central differences: their error is 1e-8
 DT_RANGE = (1e-3, 3.0)
 
 Floats = NDArray[np.float64]
@@ -110,7 +110,7 @@ def admissible_states(scenario: Scenario, rng: np.random.Generator, reach: float
         refused = 0 if good else refused + 1
         if good:
             yield z
-        elif refused == PATIENCE and near < NEAR:
+        elif refused == PATIENCE and near < DIFFERENCE_STEP:
             raise TcbenchError(
                 f"No state near the start of {scenario.name!r} has finite laws and what must be positive."
             )
@@ -192,8 +192,8 @@ def _agreement(model: System, sample: Sample) -> float:
     for z, other in sample:
         gaps = []
         way = (other - z) / np.linalg.norm((other - z) / np.maximum(1.0, np.abs(z)))
-        least, moved = (np.concatenate([model.temperatures(x), model.shapes(x)]) for x in (z, z + TINY * way))
-        way = way / max(1.0, float((np.abs(moved - least) / least).max(initial=0.0)) / TINY)
+        least, moved = (np.concatenate([model.temperatures(x), model.shapes(x)]) for x in (z, z + PROBE * way))
+        way = way / max(1.0, float((np.abs(moved - least) / least).max(initial=0.0)) / PROBE)
         for part in CLOSE:
             z1 = model.state(z + part * way)
             exact = np.asarray(model.gradient((z + z1) / 2))
@@ -240,7 +240,7 @@ def steps(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     runs = random_steps(integrator, scenario)
     # a step that leaves the energy bound is a solved step too
     good = [run for run in runs if run.steps == 1 + integrator.memory]
-    enough = len(good) >= ENOUGH * len(runs)
+    enough = len(good) >= SOLVED_SHARE * len(runs)
     claims = integrator.claims
 
     def row(claim: str, section: str, expected: str, measure: Callable[[Trajectory], float], limit: float) -> LedgerRow:
@@ -331,10 +331,10 @@ def _momentum(name: str) -> Callable[[Trajectory], float]:
 
 def _terms(model: System, z: Floats) -> Floats:
     """The sum of |z_i dJ/dz_i| for each invariant J, by differences."""
-    moves = NEAR * np.diag(np.abs(z))
+    moves = DIFFERENCE_STEP * np.diag(np.abs(z))
     with np.errstate(all="ignore"):
         jumps: Floats = np.abs(np.asarray(model.momenta(z + moves)) - np.asarray(model.momenta(z - moves))).sum(axis=1)
-    return np.nan_to_num(jumps / (2 * NEAR))
+    return np.nan_to_num(jumps / (2 * DIFFERENCE_STEP))
 
 
 def _equivariance(run: Trajectory) -> float:

@@ -22,8 +22,8 @@ from ..simulation.run import simulate
 from ..study import Row
 from ..systems.scenario import Scenario
 
-MOST_REPEATS = 30  # their least work and median wander by 1 % from time to time; those of 100 by as much
-PATIENCE = 20  # times the processor seconds of the repeats: of a run that waits, and where others take most of the core
+MOST_REPEATS = 30  # minimum and median of 30 wander by 1 % from time to time, and those of 100 by as much
+PATIENCE = 20  # limit of wall over processor seconds, for runs that wait or share their core
 Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
 
 

@@ -58,7 +58,7 @@ def _written(
 
 
 def _judged(scenario: Any, path: Path) -> dict[str, Any]:
-    from ..simulation.data_set import ROUND_OFF, judge
+    from ..simulation.data_set import EXACT_MOVE, judge
 
     with waiting(f"computing the trajectories of {path} as {scenario.name}"):
         found = judge(path, scenario, [*plugins.integrators().values()])
@@ -77,7 +77,7 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
             f"Error of the last states: {np.median(last):.1e} in the median, at most {last.max():.1e}; the references' "
             f"own error is at most {np.nanmax(found.certificates):.1e}."
         )
-    made = [_told(each, "made the data") for each in nearest if each["difference"] <= ROUND_OFF]
+    made = [_told(each, "made the data") for each in nearest if each["difference"] <= EXACT_MOVE]
     off = [_told(each, "is off by more than round-off") for each in nearest]
     exact = ["The states are the solution to round-off: no error is left by which to tell what made them."]
     sentences += exact if found.exact else made or ["No method made it, step by step; the nearest are:", *off]

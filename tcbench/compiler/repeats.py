@@ -17,7 +17,7 @@ REMEDY = (
     "change: no random numbers, no clock, no counter. tcbench has no noise: equations are deterministic"
 )
 
-ROUND_OFF = 1e-14  # of a number; two readings of a clock differ by more
+SAME_NUMBER = 1e-14  # relative difference of constants that is round-off; two readings of a clock differ by more
 
 
 def same_again(value: Any, formula: Callable[[], Any]) -> bool:
@@ -46,7 +46,7 @@ def _near(x: Any, others: Any) -> bool:
         return not len(x)
     k = np.searchsorted(others, x)
     gap = np.minimum(abs(x - others[k - 1]), abs(x - others[np.minimum(k, len(others) - 1)]))
-    return bool((gap <= ROUND_OFF * abs(x)).all())
+    return bool((gap <= SAME_NUMBER * abs(x)).all())
 
 
 def _parts(value: Any) -> list[Any]:

@@ -30,7 +30,7 @@ from ..errors import TcbenchError
 from .collocation import Field, integrate
 
 FORMAT = 1
-SAFETY = 4.0  # times the gap
+SAFETY = 4.0  # of a certificate, over the gap of two computations
 # The same where formulas have |x|: across a kink both methods are of low order; once the error was 11 times the gap.
 KINKED = 40.0
 # Round-off, which a chaotic system magnifies, may leave two runs beside each other and far from the solution: on
@@ -38,7 +38,7 @@ KINKED = 40.0
 # units of round-off (docs/truth.md has how many errors take).
 SHAKE, SHAKES, ROUNDINGS = 1e-8, 3, 32.0
 EPS = float(np.finfo(float).eps)
-STAGES, FEWER = (13, 9), (9, 6)  # of the two collocations; of states of more than MANY numbers, whose systems grow
+STAGES, FEWER = (13, 9), (9, 6)  # of the two collocations; FEWER for states of more than MANY numbers
 MANY = 40  # numbers in a state
 
 

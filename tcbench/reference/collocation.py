@@ -17,7 +17,7 @@ from . import quadrature
 
 Floats = NDArray[np.float64]
 MOST_STEPS, MOST_ITERATIONS = 200_000, 40
-CROWDED, LEAST_ADVANCE = 500, 1e-6  # after so many tries no further than this part of the time: they never arrive
+CROWDED, LEAST_ADVANCE = 500, 1e-6  # steps in which less than this part of the time passes: it would never arrive
 SOLVED, NOISE = 1e-15, 1e-10  # a correction that ends an iteration; one below which slow progress is round-off
 
 

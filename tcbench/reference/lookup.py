@@ -30,8 +30,8 @@ from .certified import KINKED, SAFETY, Reference, cached, compute, gap, scenario
 from .collocation import ReferenceFailed
 
 DEADLINE = 100.0  # seconds for each of the two collocations: a cell has 300 for everything
-SHORT = 10.0  # the same, of one among many
-REMEMBERED_S = 24 * 3600.0  # of a failure: another day the machine may have more time
+SHORT = 10.0  # DEADLINE of one reference among many
+REMEMBERED_S = 24 * 3600.0  # for which a failure is cached: another day the machine may have more time
 HORIZON = 25.0  # `recompute` goes no further where nothing is stored: chaotic scenarios lose their digits
 HALF_ULP = float(np.finfo(float).eps) / 2
 DISAGREEMENT = 1e-10  # two computations further apart than this certify nothing

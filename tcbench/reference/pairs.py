@@ -23,17 +23,17 @@ from .double_double import two_sum
 from .tape import FIELDS, LANES, PAIR, tape
 from .taylor import LIBRARY, Work
 
-ORDER, WIDE = 40, 22  # of the series; orders with all digits
-FINE, COARSE = 1e-26, 1e-24
-SAFETY = 4.0
-SHIFT = 1e-20  # of the start, relative, in its low parts: growth up to 1e16 is seen
-DEFECT = 1e-7  # of the series in the compiled equations, relative
-MOST, MOST_OPERATIONS = 150_000, 80_000_000  # steps; operations of the tape in all: seconds, then others know more
-LARGEST = 2**24  # doubles in memory: some thousand numbers in a state
-RUNS = 3
+ORDER, WIDE = 40, 22  # of the series; orders up to which coefficients are double-doubles
+FINE, COARSE = 1e-26, 1e-24  # tolerances of the two series that are compared
+SAFETY = 4.0  # of the certificate, over the gap of the two
+SHIFT = 1e-20  # relative shift of the start of the third run: it shows a growth of up to 1e16
+DEFECT = 1e-7  # relative residual of the series in the compiled equations, which a right series has not
+MAX_STEPS, MAX_OPERATIONS = 150_000, 80_000_000  # of a run; the tape's operations take seconds, then others are better
+LARGEST = 2**24  # doubles of a workspace: states of some thousand numbers
+RUNS = 3  # of a scenario: fine, coarse, shifted
 SOURCE = f"Taylor series of order {ORDER} in double-double arithmetic at {FINE:g} against {COARSE:g}"
-CHANCE = 10 * FINE  # per unit of growth: the errors of both may be alike by chance (2 of 500)
-LINEAR = 1e-4  # a gap beyond has stopped growing, and says nothing: chaos has eaten all digits
+CHANCE = 10 * FINE  # floor of the gap per unit of growth: both errors may be alike by chance (2 of 500)
+LINEAR = 1e-4  # a larger gap no longer grows linearly, and certifies nothing: chaos has taken all digits
 
 
 class Pair(NamedTuple):
@@ -75,7 +75,7 @@ def _solve(
         plan = tape(text, n, system.n_constant_values, ORDER)
     except TcbenchError:
         return [None] * len(systems)
-    size, most = plan.size + PAIR * (ORDER + 1), MOST_OPERATIONS * FIELDS // max(len(plan.code), 1)
+    size, most = plan.size + PAIR * (ORDER + 1), MAX_OPERATIONS * FIELDS // max(len(plan.code), 1)
     if size > LARGEST or PLAIN:  # thousands of times slower
         return [None] * len(systems)
     ends, runs = times.shape[1], RUNS * len(systems)
@@ -90,7 +90,7 @@ def _solve(
     values = np.repeat([plan.values(x.constant_values) for x in systems], RUNS, axis=0)
     work = Work(
         order=ORDER, wide=WIDE, variables=n, inputs=len(plan.inputs), length=len(plan.setup), steps=len(plan.code),
-        size=size, runs=runs, ends=ends, constants=constants.shape[1], most=min(MOST, most),
+        size=size, runs=runs, ends=ends, constants=constants.shape[1], most=min(MAX_STEPS, most),
         rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
         rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
         given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,

@@ -17,9 +17,9 @@ from ..systems.scenario import Scenario
 from ..systems.system import System
 
 Floats = NDArray[np.float64]
-TOLERANCE = 1e-10
-MOST_STEPS, MOST_S = 50_000, 5.0  # of work; what is not reached by then is not compared
-MOST = 200  # numbers of a state up to which LSODA's Jacobian is affordable
+TOLERANCE = 1e-10  # relative, of the solver: its error at t = 25 is some 1e-8
+MOST_STEPS, MOST_S = 50_000, 5.0  # steps and seconds; later times are not compared
+DENSE = 200  # length of a state up to which LSODA's dense Jacobian is affordable
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def watched(model: System, z: Floats) -> Floats:
 def path_of(scenario: Scenario, t_end: float) -> Path | None:
     """The course from the start of a scenario up to a time, or as far as the solver comes; None of large systems."""
     model = scenario.model
-    if model.size > MOST or model.multipliers:
+    if model.size > DENSE or model.multipliers:
         return None
     return _path(model.symbolic, _Start(model, scenario.z0), float(t_end))
 

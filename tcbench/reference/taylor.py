@@ -16,7 +16,7 @@ from .recurrences import ABS, SQRT, begin, high_order, keep, wide_order
 from .tape import FIELDS, LANES, PAIR
 
 INSIDE = 0.618  # of a step: where the series are compared with the equations
-LONG = 4096.0  # a time beyond is counted in a small unit, and rates are small
+LONG = 4096.0  # t_end beyond which the unit of time is scaled
 SHORTEST = 1e-13
 CHECKED = 8  # every so many steps of a run
 SHORTEST_LOOK = 2.0**-14  # of a step: a series that dips below 0 for less is not seen

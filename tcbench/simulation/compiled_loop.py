@@ -16,17 +16,17 @@ from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-LITTLE = 1e-22  # of a state, whose small numbers the energy shows
-LEAST = 1e-300  # square of a state
-SHARE, ROUGH = 1e-4, 1e-9  # of what is corrected, the error of a root before; and the most of it, scaled
+CONVERGED = 1e-22  # relative error that corrections may leave: small numbers of a state show in its energy
+NOT_ZERO = 1e-300  # square of a state
+SHARE, ROUGH = 1e-4, 1e-9  # error of a step's root, over its correction; and at most, scaled
 
 
 class Run(Record):
     """One run: its flows, its criteria, where it is, and what it records. Dimensionless."""
 
     n: int  # length of a state
-    n_flows: int  # that are solved; one of corrections behind them
-    n_elements: int  # with a temperature: the first of what must stay positive
+    n_flows: int  # flows that are solved; one of corrections may follow them
+    n_elements: int  # temperatures: the first of the observables that must stay positive
     n_invariants: int
     n_observables: int
     n_constants: int
@@ -35,36 +35,38 @@ class Run(Record):
     observe: Address
     opening: Address  # prologue of the first flow and observables in one
     every: int  # steps from one record to the next
-    of_step: bool  # formulas see the start of the whole step
-    mends: bool  # corrections follow, until the state has the laws; ...
-    holds: bool  # ... the invariants among them
-    memory: int  # earlier states that the formula of a multistep method sees
-    residuals: bool  # were they asked for?
+    of_step: bool  # formulas read the start of the whole step
+    mends: bool  # corrections follow, until the state has the laws
+    holds: bool  # the invariants are among these laws
+    memory: int  # earlier states that the formula of a multistep method reads
+    residuals: bool  # measure the residual of each accepted step
     h: float
-    bound: float  # V0
-    reference: float  # temperature
-    entropy_tolerance: float
-    entropy_fall: float
-    entropy_size: float  # beside which both are at least
+    bound: float  # of |E - E_0|: beyond, the run is a blow-up
+    reference: float  # temperature theta_ref
+    entropy_tolerance: float  # fall of S, over max(entropy_size, |S|), that is no violation
+    entropy_fall: float  # fall of S, over entropy_size, that is a failure of the second law
+    entropy_size: float
     flows: Rows[CompiledFlow]
     tally: Tally
     c: Floats = sized("n_constants")
-    others: Matrix = sized("n_others", "n")  # its end: states at the start of step and run, or slopes of earlier ones
-    opened: Floats = sized("n_observables")  # in w of the first flow, as `opening` leaves them there
+    others: Matrix = sized(
+        "n_others", "n"
+    )  # states at the start of the step and of the run, or slopes of earlier steps
+    opened: Floats = sized("n_observables")  # a part of w of the first flow, where `opening` writes them
     z: Floats = sized("n")
-    carry: Floats = sized("n")  # what rounding dropped
+    carry: Floats = sized("n")  # low parts of z: compensated summation
     after: Floats = sized("n")  # the state after a step
-    dropped: Floats = sized("n")
+    dropped: Floats = sized("n")  # low parts of `after`
     observables: Matrix = sized("3", "n_observables")
     departures: Floats = sized("n_invariants")  # largest of each invariant
     states: Matrix = sized("n_rows", "n")
     records: Matrix = sized("n_rows", "n_observables")
     magnitudes: Floats = sized("n_invariants + 2")  # of energy, entropy and invariants
-    allowed: Floats = sized("n_invariants + 2")  # what a state with the laws may miss of each observable
+    allowed: Floats = sized("n_invariants + 2")  # residual of each law that a mended state may have
     counts: Ints = sized("n_rows")  # Newton iterations since the last record
 
     def make_room(self, rows: int) -> None:
-        """New memory for so many records: those before stay as they are."""
+        """Allocate this many records; earlier records, which trajectories hold, stay as they are."""
         n, m = self.n, self.n_observables
         memory, first, second = np.zeros(rows * (n + m + 1)), rows * n, rows * (n + m)
         self.n_rows, at = rows, address_of(memory)
@@ -98,7 +100,7 @@ def accumulate(run: Run, step: int, now: Floats) -> None:
 
 
 def verdict(run: Run, z: Floats, now: Floats) -> int:
-    """Why the run cannot go on from this state with these observables, or OK."""
+    """OK, or why the run ends at the state z (n,) with the observables now (n_observables,)."""
     zero = 0.0  # 0 times anything that is not finite is NaN
     for i in range(run.n):
         zero += 0.0 * z[i]
@@ -121,7 +123,7 @@ def admitted(run: Run, now: Floats) -> int:
 
 @rare
 def refused(run: Run, now: Floats) -> int:
-    """Why a finite state with these observables is none of the system's."""
+    """Why a finite state with these observables is not admissible."""
     temperatures = FIRST_INVARIANT + run.n_invariants
     for i in range(run.n_elements):
         if not now[temperatures + i] > 0.0:
@@ -133,8 +135,8 @@ def refused(run: Run, now: Floats) -> int:
 
 
 def completed(run: Run, step: int, reason: int, now: Floats) -> int:
-    """Steps that are completed, this one counted and added to the tally if its state is admissible: if not, its energy
-    need not exist."""
+    """The number of completed steps. This one is counted, and added to the tally, if its state is admissible: the
+    energy of another state need not exist."""
     if reason != OK and reason != BLOWUP:
         return step - 1
     accumulate(run, step, now)
@@ -144,8 +146,8 @@ def completed(run: Run, step: int, reason: int, now: Floats) -> int:
 def monitor(run: Run, first: int, rows: Matrix) -> int:
     """Judge states that come from Python, of step `first` and the next, up to one that ends the run.
 
-    Returns why the run ends, or OK; completed steps in the tally. States beyond those that the run has room for are
-    left out: whatever is given, nothing is written behind the records.
+    rows : shape (m, n). Returns OK or why the run ends; the tally has the completed steps. States for which the run
+    has no room are left out.
     """
     reason, now = OK, run.observables[NOW]
     run.tally.steps = first - 1
@@ -155,7 +157,7 @@ def monitor(run: Run, first: int, rows: Matrix) -> int:
         done = completed(run, first + i, reason, now)
         run.tally.steps = done
         if done == first + i:
-            row = (done - 1) // run.every + 1  # of the last record kept up to date: it may be the last state
+            row = (done - 1) // run.every + 1  # the last record is overwritten by each state: it may be the last
             copy_into(run.states[row], rows[i])
             copy_into(run.records[row], now)
         if reason != OK:
@@ -173,7 +175,7 @@ def open_step(run: Run, z: Floats) -> None:
 
 
 def remember(run: Run, z: Floats, new: Floats) -> None:
-    """Carry the slopes (earlier state - state)/h of a multistep method over a step from z to new."""
+    """Update the slopes (earlier state - state)/h of a multistep method after a step from z (n,) to new (n,)."""
     slopes = run.others
     for k in range(run.memory - 1, -1, -1):
         for i in range(run.n):
@@ -202,23 +204,23 @@ def measure_residual(flow: CompiledFlow) -> None:
 
 @late
 def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bool:
-    """Correct the state at which a step from z ends until it has the laws, and open it; False: it never has.
+    """Correct the end `after` of a step from z until it has the laws, and open it. False where that fails.
 
-    The error of a change c after k corrections with the same slopes is c^(k + 1)."""
+    k corrections with the same slopes leave an error c^(k + 1) of a change c. All arrays are of shape (n,)."""
     flow, first, entropy = run.flows[run.n_flows], run.observables[FIRST], run.observables[BEFORE, S]
     left, before = np.inf, np.inf
     for k in range(1, flow.most + 1):
         flow.c[0] = flow.h
         call(flow.prologue, after, flow.c, flow.w)
-        change = (flow.w[run.n] / max(flow.w[run.n + 1], LEAST)) ** 0.5
+        change = (flow.w[run.n] / max(flow.w[run.n + 1], NOT_ZERO)) ** 0.5
         if not change < np.inf:
             return False
         if k == 1:
             for i in range(run.n_flows):
                 run.flows[i].foreseen.enough = min(ROUGH, SHARE * change)
         square = change * change
-        near = square * change <= LITTLE
-        if near and square > LITTLE:
+        near = square * change <= CONVERGED
+        if near and square > CONVERGED:
             call(flow.polish, flow.w, flow.w, flow.d)
             move(after, trial, flow.d, after, trial)
         else:  # where two corrections leave too much, new slopes cost less than a third
@@ -236,7 +238,7 @@ def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bo
 
 @rare
 def rounded(run: Run, now: Floats, entropy: float) -> bool:
-    """Is next to nothing missed? What no move helps against is round-off: no less is asked of later steps."""
+    """Is the residual of the laws round-off, against which no correction helps? Later steps may leave as much."""
     for i in range(len(run.allowed)):
         value = run.observables[FIRST, i]
         miss, most = abs(now[i] - value), NEAR * (run.magnitudes[i] + abs(value))
@@ -287,7 +289,7 @@ def one_step(run: Run, z: Floats, carry: Floats, after: Floats, trial: Floats) -
 
 
 def march(run: Run, start: int, stop: int) -> int:
-    """Steps start+1 .. stop from `z` + `carry`, in place; returns why it ended; completed steps in the tally."""
+    """Take the steps start + 1 .. stop from `z` + `carry`, in place; returns OK or why the run ends."""
     now, every = run.opened, run.every
     row, left = start // every, every - start % every  # the last full record, and steps to the next
     reason, done = OK, start
@@ -331,4 +333,4 @@ def march(run: Run, start: int, stop: int) -> int:
 
 
 LOOPS = Library("time loop", march, begin, verdict)
-STATES = Library("states of others", monitor, add_increments)  # small: of solvers of their own no step is compiled
+STATES = Library("states of others", monitor, add_increments)  # for methods in Python, whose steps are not compiled

@@ -29,10 +29,10 @@ Floats = NDArray[np.float64]
 FALLBACK, FINER = 1e-11, 1e-13  # tolerances of tc_auto where there is no reference
 SAFETY = 4.0  # the stated error over the gap of two runs, as references have it
 SPLITS = {"train": 0.8, "validation": 0.1, "test": 0.1}  # shares of the trajectories
-PARTS = (1, 2, 5, 10)  # steps between two states of a data set that are tried
-COMPARED = 50  # moves of its first trajectory
-ROUND_OFF = 1e-13  # steps that miss no more are the method's own
-SAME = 1e-9  # relative: matrices that differ by less along the data are constant
+PARTS = (1, 2, 5, 10)  # numbers of steps between two states of a data set that are tried
+COMPARED = 50  # moves of the first trajectory that are compared
+EXACT_MOVE = 1e-13  # error of one move that is round-off: the data are solutions, or the method's own steps
+CONSTANT_MATRIX = 1e-9  # relative change of a matrix along the data, below which it is constant
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def _constant_matrices(model: Any, states: Floats) -> dict[str, Any]:
             values = np.array([matrix(z) for z in states[:: max(1, len(states) // 20)]])
         except TcbenchError:  # a large system has none, or S is constant
             continue
-        if np.abs(values - values[0]).max() <= SAME * np.abs(values).max():
+        if np.abs(values - values[0]).max() <= CONSTANT_MATRIX * np.abs(values).max():
             matrices[name] = values[0].tolist()
     return matrices
 
@@ -220,7 +220,7 @@ class Judgement:
     @property
     def exact(self) -> bool:
         """Is each next state the solution, as far as doubles tell?"""
-        return bool(np.nanmedian(self.errors[:, 1]) <= ROUND_OFF) if np.isfinite(self.errors[:, 1]).any() else False
+        return bool(np.nanmedian(self.errors[:, 1]) <= EXACT_MOVE) if np.isfinite(self.errors[:, 1]).any() else False
 
 
 def read_published(path: str | Path) -> tuple[Floats, Floats]:

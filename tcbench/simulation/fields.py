@@ -1,4 +1,4 @@
-"""A run as fields on its mesh: XDMF, or VTU files and a PVD that lists them, by meshio; or as a picture."""
+"""A run as fields on its mesh: as XDMF, as VTU files with a PVD that lists them (by meshio), or as a picture."""
 
 from __future__ import annotations
 
@@ -18,31 +18,47 @@ if TYPE_CHECKING:
     from ..systems.system import System
     from .trajectory import Trajectory
 
-CELLS = {  # components of a place, columns of a table -> meshio's kind of cell and its corners
+CELLS = {  # (components of a point, columns of a table) -> meshio's kind of cell, number of its corners
     **{(d, 2): ("line", 2) for d in (1, 2, 3)},
     (2, 3): ("triangle", 3), (2, 6): ("triangle", 3), (2, 4): ("quad", 4), (2, 9): ("quad", 4),
     (3, 3): ("triangle", 3), (3, 4): ("tetra", 4), (3, 10): ("tetra", 4), (3, 8): ("hexahedron", 8),
 }  # fmt: skip
-HEXAHEDRA = ([0, 1, 2, 3, 4, 5, 6, 7], [0, 2, 5, 1, 3, 6, 7, 4], [0, 1, 4, 2, 3, 5, 7, 6])  # orders in use; VTK's first
-MOST = 2_000  # faces of a mesh that rows keep in time
-NUMBERS, DIGITS = 4_000, 4  # of it: numbers of a run, and digits of each
-AROUND = [(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)]  # of each corner
+HEXAHEDRA = (
+    [0, 1, 2, 3, 4, 5, 6, 7],
+    [0, 2, 5, 1, 3, 6, 7, 4],
+    [0, 1, 4, 2, 3, 5, 7, 6],
+)  # corner orders in use, VTK's first
+MAX_FACES = 2_000  # of a mesh whose fields rows keep
+NUMBERS, DIGITS = 4_000, 4  # that a row keeps of them, and the digits of each
+AROUND = [
+    (1, 3, 4),
+    (2, 0, 5),
+    (3, 1, 6),
+    (0, 2, 7),
+    (7, 5, 0),
+    (4, 6, 1),
+    (5, 7, 2),
+    (6, 4, 3),
+]  # neighbours of each corner of a hexahedron
 
 
 class Mesh(NamedTuple):
-    """Where a run has its fields: places and cells, and of the rows of the table which cell each belongs to."""
+    """The mesh on which a run has its fields."""
 
-    places: str  # a variable, or "" where nothing moves
-    fixed: NDArray[np.float64]  # (m, d): places that follow those that move
-    kind: str
-    cells: NDArray[np.int64]
-    source: str
-    target: str
-    of_cell: NDArray[np.int64]
+    places: str  # variable of the moving points
+    fixed: NDArray[np.float64]  # (m, d): points that follow the moving ones
+    kind: str  # meshio's kind of cell
+    cells: NDArray[np.int64]  # (cells, corners): numbers of points
+    source: str  # space of the table's rows
+    target: str  # space of the moving points
+    of_cell: NDArray[np.int64]  # (rows,): the cell of each row of the table
 
 
 def mesh_of(model: System, z0: Any, table: str | None = None) -> Mesh:
-    """From the tables of a system: the first one, or that of this name, whose rows are cells of places."""
+    """The mesh of the first table, or of the one of this name, whose rows are cells of points; z0 of shape (size,).
+
+    TcbenchError for an unknown table, and where there is none.
+    """
     declared = type(model).declared_variables()
     moving = {
         space_of(d): (name, int(np.prod(d[1:], dtype=int)))
@@ -74,6 +90,7 @@ def mesh_of(model: System, z0: Any, table: str | None = None) -> Mesh:
 
 
 def _places_of(model: Any, space: str, components: int, flat: int) -> Any:
+    """The constant that holds the fixed points of a space, shape (m, components), or None."""
     for name, d in type(model).constants.items():
         if space_of(d) == space and int(np.prod(d[1:], dtype=int)) == (1 if flat > 1 else components):
             return np.reshape(getattr(model, name), (-1, components))
@@ -81,13 +98,13 @@ def _places_of(model: Any, space: str, components: int, flat: int) -> Any:
 
 
 def points_at(model: System, z: Any, mesh: Mesh) -> NDArray[np.float64]:
-    """All places in a state, shape (n, d)."""
+    """All points of the mesh at the state z (size,), shape (n, d)."""
     q = np.asarray(getattr(model.state(z), mesh.places))
     return np.concatenate([q.reshape(-1, mesh.fixed.shape[1]), mesh.fixed])
 
 
 def _in_order(mesh: Mesh, points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Corners as VTK counts them: no element of the order that is meant is turned inside out at a corner."""
+    """The cells with their corners in VTK's order: in the right order no corner has a negative volume."""
     if mesh.kind != "hexahedron":
         return mesh.cells
     for order in HEXAHEDRA:
@@ -101,13 +118,14 @@ def _in_order(mesh: Mesh, points: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _three(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors of the plane or the line as vectors (m, 3)."""
     return np.pad(x, [(0, 0), (0, 3 - x.shape[1])]) if x.ndim == 2 and x.shape[1] < 3 else x
 
 
 def records(
     run: Trajectory, mesh: Mesh, rows: Iterable[int] | None = None
 ) -> Iterator[tuple[float, Any, dict[str, Any], dict[str, Any]]]:
-    """Of each recorded state, or of these: time, points (n, 3), fields of the points and of the cells."""
+    """Of each recorded state, or of `rows`: time, points (n, 3), fields by name of the points and of the cells."""
     model, count = run.scenario.model, len(mesh.cells)
     declared, weight = type(model).declared_variables(), np.bincount(mesh.of_cell)
     start, behind = points_at(model, run.z[0], mesh), len(mesh.fixed)
@@ -139,8 +157,8 @@ def records(
 
 
 def faces_of(model: System, z0: Any) -> tuple[Mesh, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] | None:
-    """The mesh of a system, the places on its outside (n,), and of each outer face the corners among these (m, k) and
-    the cell; None where there is no mesh, or one of more than MOST faces, or a line that has a picture of its own."""
+    """The mesh, its points on the outside (n,), and of each outer face the corners among these (m, k) and the
+    cell (m,). None without a mesh, with more than MAX_FACES faces, and of a line, which has a picture of its own."""
     try:
         mesh = mesh_of(model, z0)
     except TcbenchError:
@@ -149,12 +167,12 @@ def faces_of(model: System, z0: Any) -> tuple[Mesh, NDArray[np.int64], NDArray[n
         return None
     faces, owner = outside(mesh)
     seen, corners = np.unique(faces, return_inverse=True)
-    return (mesh, seen, corners.reshape(faces.shape), owner) if len(faces) <= MOST else None
+    return (mesh, seen, corners.reshape(faces.shape), owner) if len(faces) <= MAX_FACES else None
 
 
 def kept(run: Trajectory) -> dict[str, list[float | None]]:
-    """A mesh in time, some NUMBERS in all or two states: at times `t` the place `x`, `y`, `z` of each `number` and the
-    `temperature` of the face of this number; null beyond the last place or face. {} without a mesh."""
+    """Columns of the mesh at some times, NUMBERS numbers or two states: `t`, `number`, the point `x`, `y`, `z` of that
+    number and the `temperature` of the face of that number; None beyond the last point or face. {} without a mesh."""
     if (mesh_faces := faces_of(run.scenario.model, run.z[0])) is None:
         return {}
     mesh, seen, faces, owner = mesh_faces

@@ -1,4 +1,4 @@
-"""Do real steps keep what a system declares as conserved? And where a method loses it, which of two causes it is.
+"""Which declared invariants the steps of a method change, by how much, and for which of two causes.
 
 A step of L DE + M DS changes J by h DJ . (L DE + M DS), DJ a discrete gradient of J. At the true gradients that is 0
 where the equations conserve J. It is not 0 of itself where
@@ -19,9 +19,9 @@ import numpy as np
 from ..systems.system import System
 from .trajectory import Trajectory
 
-KEPT = 1e-11  # of a step, over the size of an invariant's terms: more is no round-off of a solved step
-OF_A_RUN = 1e-10  # the same of a whole run
-AT_GRADIENTS = 1e-9  # rate of J by the equations themselves, over its terms: they conserve it
+KEPT = 1e-11  # change of an invariant in a step, over its terms, that is round-off of a solved step
+OF_A_RUN = 1e-10  # the same in a run
+AT_GRADIENTS = 1e-9  # the same of its rate by the equations themselves
 CURE = "tc_invariant keeps it, whatever it is"
 
 
@@ -39,20 +39,23 @@ class Lost:
         return f"{self.name.replace('_', ' ')} changes by {self.change:.1e} of its terms {self.within}: {self.why}"
 
 
-def lost_by(pairs: Any, model: System, kept: float = KEPT) -> list[Lost]:
-    """The declared invariants that differ between the ends of steps, pairs of states."""
+def lost_by(pairs: Any, model: System) -> list[Lost]:
+    """The declared invariants that change by more than round-off between the ends of steps.
+
+    pairs : of states (size,), the two ends of each step. `Lost.change` is dimensionless, over the invariant's terms.
+    """
     worst: dict[str, tuple[float, Any, Any]] = {}
     for z0, z1 in pairs:
         before, after = (np.asarray(model.momenta(np.asarray(z))) for z in (z0, z1))
         shares = abs(after - before) / term_sizes(model, z0, z1)
         for name, share in zip(model.invariant_names, shares, strict=True):
-            if share > max(kept, worst.get(name, (0.0,))[0]):
+            if share > max(KEPT, worst.get(name, (0.0,))[0]):
                 worst[name] = float(share), z0, z1
     return [Lost(name, share, cause(model, name, z0, z1)) for name, (share, z0, z1) in worst.items()]
 
 
 def lost_in(run: Trajectory) -> list[Lost]:
-    """The same of a run of a method that claims momenta: what it departs from by more than round-off."""
+    """The invariants that a run of a method that claims momenta changes by more than round-off."""
     model, losses = run.scenario.model, []
     if "angular_momentum" not in run.integrator.claims or run.steps < 1 or not model.invariant_names:
         return []
@@ -66,7 +69,7 @@ def lost_in(run: Trajectory) -> list[Lost]:
 
 
 def term_sizes(system: System, z0: Any, z1: Any = None) -> Any:
-    """Of each invariant the size of the terms that it is the sum of: |J| + |dJ/dz| . the sizes of the variables."""
+    """Size of the terms of each invariant, shape (n_invariants,): |J| + |dJ/dz| . size of the variables."""
     ends = np.abs([z0, z0 if z1 is None else z1]).max(axis=0)
     scale = 1e-3 * np.asarray(system.state_magnitudes)
     for a, b, _ in system.layout.values():
@@ -77,7 +80,7 @@ def term_sizes(system: System, z0: Any, z1: Any = None) -> Any:
 
 
 def gradients(system: System, z: Any, step: Any) -> Any:
-    """Of the invariants, by central differences, shape (invariants, size)."""
+    """Gradients of the invariants by central differences of the steps `step` (size,), shape (n_invariants, size)."""
     moves = np.diag(step)
     up, down = (np.asarray(system.momenta(np.asarray(z) + sign * moves)) for sign in (1, -1))
     return ((up - down) / (2 * step)[:, None]).T
@@ -115,7 +118,7 @@ def cause(system: System, name: str, z0: Any, z1: Any) -> str:
 
 
 def is_quadratic(system: System, k: int, z: Any, size: float) -> bool:
-    """Is invariant k at most quadratic? By its third differences along random lines, as long as the state."""
+    """Is invariant k at most quadratic? Its third differences along random lines, as long as the state, are then 0."""
     rng, length = np.random.default_rng(0), 0.2 * (np.abs(z) + 0.05 * np.abs(z).max())
     worst = 0.0
     for _ in range(8):

@@ -20,12 +20,12 @@ FACES = {  # corners of the faces of a cell that has some
     "tetra": ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
     "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-SIDE, ROOM = 3.6, 0.05  # inches of a state; the part of its size that is left around
-PLAIN = "#9db4c8"
+SIDE, ROOM = 3.6, 0.05  # inches of a panel; margin, over the size of the mesh
+PLAIN = "#9db4c8"  # colour without a temperature
 
 
 def outside(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Corners (m, k) of the faces that one cell alone has, and whose they are (m,); of lines and surfaces the cells."""
+    """Corners (m, k) of the faces that belong to one cell only, and these cells (m,); lines and surfaces: the cells."""
     if mesh.kind not in FACES:
         return mesh.cells, np.arange(len(mesh.cells))
     faces = np.concatenate([mesh.cells[:, corners] for corners in FACES[mesh.kind]])
@@ -77,8 +77,8 @@ def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path
 
 
 def heat_of(on_points: Any, on_cells: Any, faces: Any, owner: Any) -> Any:
-    """Of each face: the mean of its corners, or that of its cell; None where there is no temperature."""
+    """The temperature of each face, shape (m,): the mean of its corners, or its cell's; None without a temperature."""
     if "temperature" in on_points:
-        of: Any = np.ma.masked_invalid(on_points["temperature"].reshape(-1)[faces])
-        return of.mean(axis=1)  # of those that move
+        corners: Any = np.ma.masked_invalid(on_points["temperature"].reshape(-1)[faces])
+        return corners.mean(axis=1)  # fixed points have none
     return on_cells.get("temperature")[owner] if "temperature" in on_cells else None

@@ -12,9 +12,9 @@ from ..systems.outside import is_open, supplied
 from .invariants import lost_in
 from .trajectory import Trajectory
 
-FORCES = 50  # recorded states at which multipliers are looked at
-MOST_TRIED = 2000  # numbers of a state up to which the terms of an invariant are found by trying
-CANCELLED = 1e-12  # a sum that is smaller than this part of its terms is their round-off
+FORCES = 50  # recorded states at which multipliers are computed
+MOST_TRIED = 2000  # length of a state up to which differences show the terms of an invariant
+CANCELLED = 1e-12  # a sum below this part of its terms is their round-off
 
 
 def invariant_errors(run: Trajectory) -> dict[str, float]:
@@ -27,10 +27,11 @@ def invariant_errors(run: Trajectory) -> dict[str, float]:
 
 
 def invariant_scale(run: Trajectory, name: str) -> float:
-    """|I_0|; where it is round-off of its terms (or 0) their size; 1 if that is 0.
+    """The scale of an invariant's errors, in its unit: |I_0|, or the size of its terms where I_0 is their round-off; 1
+    where both are 0.
 
-    Their size is |q_0| |p_0| for the angular momentum (and for all in large systems of masses),
-    sum |dI/dz_i z_i| for others (differences of I).
+    That size is |q_0| |p_0| for the angular momentum (and for all invariants of large systems of masses), sum
+    |dI/dz_i z_i| for others, by differences of I.
     """
     initial, model, z = abs(float(run.invariants[name][0])), run.scenario.model, run.z[0]
     start = model.state(z)
@@ -46,8 +47,8 @@ def invariant_scale(run: Trajectory, name: str) -> float:
 
 
 def constraint_errors(run: Trajectory) -> dict[str, float]:
-    """Of each multiplier NAME, at the recorded states: NAME_constraint_max, the largest |g|, and its rate, the hidden
-    constraint, NAME_constraint_speed_max; NAME_max, the largest |lam|, at some of them. None of systems without."""
+    """Of each multiplier NAME: NAME_constraint_max, the largest |g| at the recorded states; NAME_constraint_speed_max,
+    the largest |dg/dt|; NAME_max, the largest |lam| at some of them. {} without multipliers."""
     model = run.scenario.model
     if (solved := multipliers(model)) is None:
         return {}
@@ -62,8 +63,7 @@ def constraint_errors(run: Trajectory) -> dict[str, float]:
 
 
 def newton_iterations(run: Trajectory) -> float:
-    """Newton's corrections in the whole run, also those of tries that were given up; NaN where the integrator solves by
-    itself and does not report them."""
+    """Newton iterations of the whole run, those of rejected tries too; NaN where they are not reported."""
     return np.nan if "newton_iterations" in run.solver.unknown else float(run.solver.newton_iterations)
 
 
@@ -73,17 +73,16 @@ def newton_iterations_mean(run: Trajectory) -> float:
 
 
 def inner_steps_mean(run: Trajectory) -> float:
-    """Steps that the method took inside of one that was asked for, on average: 1 of formulas, whose step is solved as a
-    whole or fails; more where a method divides a step that it cannot solve. NaN where it does not tell."""
+    """Steps that the method took for one step that was asked for, on average: 1 of formulas, more where a method
+    divides a step that it cannot solve, NaN where it does not report them."""
     if run.integrator.kind == "flows":
         return 1.0
     return run.solver.inner_steps / run.steps if run.solver.inner_steps and run.steps else np.nan
 
 
 def evaluations(run: Trajectory) -> float:
-    """Evaluations of the run, a count that no machine changes: of a formula those of its residual (one a Newton
-    iteration, Jacobian included, and one a step of each explicit flow), of a solver those of the right-hand side. NaN
-    where neither is told.
+    """Evaluations in the run: of a formula's residual (one a Newton iteration, Jacobian included, and one a step of
+    each explicit flow), of a solver's right-hand side; NaN where the solver does not report them.
     """
     if run.integrator.kind == "flows":
         flows = compiled_flows(run.integrator.flows, run.scenario.model.symbolic)
@@ -94,36 +93,35 @@ def evaluations(run: Trajectory) -> float:
 def us_per_step(run: Trajectory) -> float:
     """Wall time per completed step of this run, diagnostics included, in microseconds.
 
-    One run beside others: a first impression. The work_precision study measures time with care.
-    NaN of an adaptive solver that does not count its steps: `steps` then counts the output times.
+    A first impression, as other runs share the machine: the work_precision study measures times. NaN of an adaptive
+    solver that does not count its steps.
     """
     return 1e6 * run.wall_time_s / run.steps if run.steps and "steps" not in run.solver.unknown else np.nan
 
 
 def conservation(run: Trajectory) -> dict[str, Any]:
-    """One row of the conservation table; most are the run's `Summary`, departures in units of V_0, which unlike E_0
-    does not depend on the arbitrary constant of the energy."""
-    told = run.summary
-    scenario = run.scenario
+    """One row of the conservation table: the run's `Summary` and what is derived from the records. Errors of the energy
+    are over V_0, which unlike E_0 does not depend on the arbitrary constant of the energy."""
+    summary, scenario = run.summary, run.scenario
     return {
         "status": run.status,
         "blowup_time": np.nan if run.ok else float(run.t[-1]),
         "t_final": float(run.t[-1]),
         "steps": run.steps,
         "inner_steps_mean": inner_steps_mean(run),
-        "energy_error_max": told.energy_error_max,
+        "energy_error_max": summary.energy_error_max,
         "energy_error_final": float(abs(run.energy[-1] - run.energy[0])) / scenario.initial_exergy,
         "energy_round_off": scenario.energy_round_off / scenario.initial_exergy,
-        "energy_drift": told.energy_drift,
-        "entropy_increment_min": told.entropy_increment_min,
-        "second_law_violations": told.second_law_violations,
+        "energy_drift": summary.energy_drift,
+        "entropy_increment_min": summary.entropy_increment_min,
+        "second_law_violations": summary.second_law_violations,
         **invariant_errors(run),
         **constraint_errors(run),
         **({f"{kind}_supplied": float(x[-1]) for kind, x in supplied(run).items()} if is_open(scenario.model) else {}),
         **({"constraints_dependent": said} if (said := run.constraints_dependent) else {}),
         **({"invariants_lost": said} if (said := "; ".join(x.sentence for x in lost_in(run))) else {}),
-        "lyapunov_increment_max": told.lyapunov_increment_max,
-        "residual_max": told.residual_max,
+        "lyapunov_increment_max": summary.lyapunov_increment_max,
+        "residual_max": summary.residual_max,
         "newton_iterations_mean": newton_iterations_mean(run),
         "us_per_step": us_per_step(run),
         "failure": run.failure,

@@ -18,19 +18,19 @@ from ..systems.scenario import Scenario
 from ..systems.system import System
 from .compiled_loop import LOOPS, Run
 
-ENTROPY_TOLERANCE = 1e-13  # what one converged solve leaves over: a smaller fall is round-off
-ENTROPY_FALL = 1e-10  # a fall beyond this is a failure of the second law
-MOST_METHODS = 100  # that records are kept of, for each system
-FEW_ROWS = 100  # of records that may stay in memory
-LARGE = 1000  # length of a state whose records are made anew: they are memory rather than time
+ENTROPY_TOLERANCE = 1e-13  # relative fall of S that a converged solve leaves: round-off
+ENTROPY_FALL = 1e-10  # a larger relative fall is a failure of the second law
+MOST_METHODS = 100  # of a system whose workspaces are kept
+FEW_ROWS = 100  # of records in a workspace that is kept
+LARGE = 1000  # length of a state whose records are allocated anew: they cost memory rather than time
 
 _NO_STEP = Tally(entropy_min=math.inf, lyapunov_max=-math.inf)
 
 
 class Prepared:
-    """A Run with its Tally, and the flows of a method; of a method in plain Python (no kernels) there are none.
+    """The workspace of a run: its `Run`, its `Tally` and the flows of its method, none of a method in plain Python.
 
-    run.c is as of `implicit_step.constants_of`.
+    run.c is laid out as `implicit_step.constants_of` has it.
     """
 
     def __init__(
@@ -46,8 +46,8 @@ class Prepared:
         count = len(model.constant_values)
         c, self.tally = np.ones(count + states * model.size), Tally()
         c[:count] = model.constant_values
-        self.constants = c[:count]  # parts of c
-        self.others = c[count:].reshape(-1, model.size)  # a row is of a state
+        self.constants = c[:count]
+        self.others = c[count:].reshape(-1, model.size)  # one state a row
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
         fields: dict[str, Any] = {}
@@ -73,20 +73,20 @@ class Prepared:
         self.way = "; ".join(dict.fromkeys(k.way for k in kernels))
 
     def clear(self) -> None:
-        """As if nothing had run yet."""
-        self.tally.table[...] = _NO_STEP.table  # half of the time of [:]
+        """Forget all earlier runs."""
+        self.tally.table[...] = _NO_STEP.table  # takes half the time of [:]
         self.run.clear()
         for flow, _, _ in self.flows:
             flow.clear()
 
     def set_length(self, h: float) -> None:
-        """Steps of length h, with what depends on h and the constants only."""
+        """Set the length h of steps, and compute what depends on h and the constants only."""
         self.run.h = h
         for flow, kernels, fraction in self.flows:
             set_length(flow, kernels, fraction * h)
 
     def set_rules(self, rules: Rules, bound: float) -> None:
-        """How the flows are solved; bound: of the energy error."""
+        """Set how the flows are solved; bound : the energy error beyond which a root is refused."""
         if (rules, bound) == (self.rules, self.bound):
             return
         self.rules, self.bound = rules, bound
@@ -96,7 +96,7 @@ class Prepared:
             flow.bound = bound
 
     def start(self, scenario: Scenario, dt: float, steps: int, every: int, rules: Rules) -> Run:
-        """Everything at the start of a scenario, with room for a row each `every` steps."""
+        """Set the run to the start of a scenario, with room for a record each `every` steps."""
         run, z0 = self.run, scenario.z0
         self.clear()
         self.set_rules(rules, scenario.bound)
@@ -108,35 +108,34 @@ class Prepared:
         return run
 
     def give_back(self) -> None:
-        """For the next call, without what this one recorded."""
+        """Make the workspace free for other runs; long records are released."""
         if self.free is not None:
             if self.run.n_rows > FEW_ROWS:
                 self.run.make_room(2)
             self.free.append(self)
 
     def step(self, z: Any) -> int:
-        """One step from z, as if a run began there, to run.z; returns why there is none, or OK."""
+        """Take one step from z (n,), as the first of a run, to run.z; returns OK or why there is no step."""
         run = self.run
         run.z[...], run.carry[...], self.others[...] = z, 0.0, z
         if run.of_step:
-            self.set_length(run.h)  # with what depends on the start of the run
+            self.set_length(run.h)  # what is hoisted may depend on the start of the run
             LOOPS.begin(run)
         return int(LOOPS.march(run, 0, 1))
 
 
-# by the identity of the kernels, records that nobody uses; they refer to no system, so that one that is gone takes
-# them along
-_KEPT: WeakKeyDictionary[System, dict[int, tuple[tuple[FlowKernels, ...], list[Prepared]]]] = WeakKeyDictionary()
+# by system and identity of the kernels: free workspaces, which refer to no system, so that they go with theirs
+_FREE: WeakKeyDictionary[System, dict[int, tuple[tuple[FlowKernels, ...], list[Prepared]]]] = WeakKeyDictionary()
 
 
 def take(method: Integrator | None, system: System, kernels: tuple[FlowKernels, ...]) -> Prepared:
-    """Records of a method with these kernels on a system, to be given back.
+    """A free workspace of a method with these kernels on a system, or a new one; the caller gives it back.
 
     kernels is one object for formulas of one content on one structure of system: what was traced anew finds nothing.
     """
-    kept = _KEPT.get(system)
+    kept = _FREE.get(system)
     if kept is None:
-        kept = _KEPT[system] = {}
+        kept = _FREE[system] = {}
     entry = kept.get(id(kernels))
     if entry is None:
         if len(kept) >= MOST_METHODS:
@@ -144,6 +143,6 @@ def take(method: Integrator | None, system: System, kernels: tuple[FlowKernels, 
         entry = kept[id(kernels)] = kernels, []
     free = entry[1]
     try:
-        return free.pop()  # by one thread at a time
+        return free.pop()  # atomic: of two threads each gets another
     except IndexError:
         return Prepared(system, method, kernels, free)

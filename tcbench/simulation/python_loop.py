@@ -28,11 +28,14 @@ from .trajectory import SolverCounts, Summary, Trajectory
 
 POINTS = 200  # output times of an adaptive run
 AS_NUMPY = np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")  # whatever a user's seterr says
-TOGETHER, NUMBERS = 256, 2**16  # steps that a method with a loop of its own is asked for at a time, numbers in them
+TOGETHER, NUMBERS = 256, 2**16  # steps, and numbers in them, that one call of `march` is asked for at most
 
 
 class FirstSteps(NamedTuple):
-    """z (steps + 1, n): the start and the states that the starter reached; failure: why there are fewer, or ""."""
+    """The first steps of a multistep method: z (steps + 1, n), the start and the states that the starter reached.
+
+    iterations : shape (steps,), of Newton's method. failure : why there are fewer steps than asked for, or "".
+    """
 
     z: np.ndarray
     iterations: np.ndarray
@@ -44,7 +47,7 @@ class FirstSteps(NamedTuple):
         return len(self.z) - 1
 
     def slopes(self, dt: float) -> np.ndarray:
-        """(earlier state - last state)/dt, the nearest first: what the compiled loop keeps of earlier steps."""
+        """(earlier state - last state)/dt, shape (steps, n), the nearest first: what the compiled loop keeps."""
         differences: np.ndarray = (self.z[-2::-1] - self.z[-1]) / dt
         return differences
 
@@ -53,7 +56,7 @@ class FirstSteps(NamedTuple):
 def run_step(
     integrator: Integrator, scenario: Scenario, dt: float, steps: int, every: int, starter: Callable[[], FirstSteps]
 ) -> Trajectory:
-    """March a Python step z1 = step(z, h, system); its exceptions and wrong shapes become statuses."""
+    """Take `steps` steps of a method in Python; its exceptions and wrong shapes become statuses."""
     model, z = scenario.model, scenario.z0.copy()
     monitor = Monitor(scenario, dt, steps, every)
     carry = np.zeros(len(z))
@@ -105,12 +108,12 @@ def run_step(
 
 
 def _told(held: tuple[Any, ...] | None) -> SolverCounts:
-    """What the workspace of a run of steps tells of them by `cost()`, if it has that."""
+    """The counts that `cost()` of a run's workspace returns, if it has that method; TypeError for no mapping."""
     cost = getattr(held[0], "cost", None) if held else None
-    counts_of = cost() if callable(cost) else {}
-    if not isinstance(counts_of, Mapping):
-        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(counts_of)}")
-    counts = {name: int(value) for name, value in counts_of.items()}
+    told = cost() if callable(cost) else {}
+    if not isinstance(told, Mapping):
+        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(told)}")
+    counts = {name: int(value) for name, value in told.items()}
     return SolverCounts(
         newton_iterations=counts.get("newton_iterations", 0), inner_steps=counts.get("steps", 0),
         unknown=() if "newton_iterations" in counts else ("newton_iterations",),
@@ -121,9 +124,10 @@ def _next_states(
     integrator: Integrator, model: Any, z: np.ndarray, carry: np.ndarray, dt: float, count: int, past: Sequence[Any],
     held: tuple[Any, ...],
 ) -> np.ndarray:  # fmt: skip
-    """The state after one step, in one row, or those after up to `count` where the method marches itself.
+    """The states after up to `count` steps where the method has a `march`, else after one: shape (steps, n).
 
-    held: the run's workspace, if the method has one.
+    z, carry : shape (n,), the state and its low part, which is updated. held : the run's workspace, if the method has
+    one. Raises TypeError and ValueError for what is no state.
     """
     start = model.state(z.copy())
     if integrator.march is not None:
@@ -136,7 +140,8 @@ def _next_states(
         returned = integrator.step(start, dt, model, *before, *held)
         result = real(returned)
         if result.shape != z.shape:
-            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}{_nothing(returned)}")
+            missing = "; is `return` missing?" if returned is None else ""
+            raise ValueError(f"the step returned shape {result.shape}, a state has shape {z.shape}{missing}")
         rows = result[None]
     if integrator.increments:
         states = np.empty_like(rows)
@@ -145,12 +150,8 @@ def _next_states(
     return rows
 
 
-def _nothing(value: Any) -> str:
-    return "; is `return` missing?" if value is None else ""
-
-
 def real(values: Any) -> np.ndarray:
-    """A new array of doubles; numpy would drop imaginary parts with no more than a warning."""
+    """A new array of doubles. TypeError for complex numbers, whose imaginary parts numpy drops, and for no numbers."""
     array = np.asarray(values)
     if array.dtype.kind == "c" or (array.dtype == object and any(isinstance(v, complex) for v in array.ravel())):
         raise TypeError("complex numbers were returned; states are real")
@@ -161,7 +162,7 @@ def real(values: Any) -> np.ndarray:
 
 
 class Monitor:
-    """Observables and criteria of the compiled loop, for a loop in Python (a few microseconds a step)."""
+    """Observables and criteria of the compiled loop, for states that a loop in Python computes."""
 
     def __init__(self, scenario: Scenario, dt: float, steps: int, every: int) -> None:
         self.scenario, self.ready = scenario, take(None, scenario.model, ())
@@ -172,7 +173,7 @@ class Monitor:
         run.states[0], run.records[0] = run.z, start
 
     def add(self, first: int, rows: np.ndarray) -> tuple[int, int]:
-        """(why the run ended or OK, completed steps) after these states, those of step `first` and the next."""
+        """(OK or why the run ended, completed steps) after the states rows (m, n) of the steps first, first + 1, ..."""
         rows = np.ascontiguousarray(rows)  # kernels and the compiled loop read rows as they lie in memory
         return STATES.monitor(self.run, first, rows), self.ready.tally.steps
 
@@ -188,9 +189,9 @@ class Monitor:
 def run_adaptive(
     integrator: Integrator, scenario: Scenario, tolerance: float, times: np.ndarray | None = None
 ) -> Trajectory:
-    """One adaptive run at rtol = atol = tolerance, reported at these times, by default at evenly spaced ones.
+    """One adaptive run at rtol = atol = tolerance, reported at `times` (k,), by default at POINTS even ones.
 
-    It ends at the first of them at which it has failed where the solver gives its states one by one (`outputs`).
+    Where the solver yields its states one by one (`outputs`), the run ends at the first time at which it has failed.
     """
     t = np.linspace(0.0, scenario.t_end, POINTS + 1) if times is None else np.append(0.0, times)
     course = shared_runs.recorded(integrator.name, scenario, tolerance) if times is None else None
@@ -220,7 +221,7 @@ def run_adaptive(
 
 
 def at_times(run: Trajectory, t: np.ndarray) -> Summary:
-    """The summary of a run whose records lie at these times: those that the loop knows are even."""
+    """The summary of a run with records at the times t (m,): the loop took them for evenly spaced."""
     told, x = run.summary, t[1 : len(run.t)]
     error, middle = (run.energy[1:] - run.energy[0]) / run.scenario.initial_exergy, x - x.mean() if len(x) else x
     spread = float(middle @ middle)
@@ -233,18 +234,18 @@ def at_times(run: Trajectory, t: np.ndarray) -> Summary:
 
 
 def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance: float, meter: Meter) -> Solved:
-    """Call the solver; its exceptions are a failure."""
+    """Call the solver at the times t (m,); its exceptions become a status and a sentence."""
     assert integrator.adaptive is not None
     model, z0 = scenario.model, scenario.z0.copy()
     states, status, failure = np.empty((0, model.size)), "ok", ""
     counts: Any = {}
-    rows_done: list[np.ndarray] = []
+    reached: list[np.ndarray] = []
     begin, work = time.perf_counter(), time.process_time()
     try:
         if integrator.outputs is not None:
             rows, counts = integrator.outputs(model, z0, t, tolerance, tolerance)
-            _until_failed(rows, scenario, t, meter, rows_done)
-            states = np.array(rows_done)
+            _until_failed(rows, scenario, t, meter, reached)
+            states = np.array(reached)
         else:
             result = integrator.adaptive(model, z0, t, tolerance, tolerance)
             states, counts = result if isinstance(result, tuple) else (result, {})
@@ -254,9 +255,9 @@ def _solve(integrator: Integrator, scenario: Scenario, t: np.ndarray, tolerance:
         counts = {name: _whole(name, value) for name, value in counts.items()}
     except Exception as error:
         leave_to_the_machine(error)
-        status, failure = raised(error, len(rows_done), float(t[len(rows_done) - 1])) if rows_done else ending(error)
-        rows_done = rows_done or list(getattr(error, "states", ()))[: len(t)]
-        states = np.array(rows_done) if rows_done else np.empty((0, model.size))  # those before it stand
+        status, failure = raised(error, len(reached), float(t[len(reached) - 1])) if reached else ending(error)
+        reached = reached or list(getattr(error, "states", ()))[: len(t)]
+        states = np.array(reached) if reached else np.empty((0, model.size))  # states before the failure count
         counts = {n: v for n, v in counts.items() if isinstance(v, Integral)} if isinstance(counts, Mapping) else {}
     wall, work = time.perf_counter() - begin, time.process_time() - work
     return Solved(states, counts, status, failure, wall, work)
@@ -270,17 +271,17 @@ def _whole(name: str, value: Any) -> int:
 
 
 def _until_failed(
-    rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter, rows_done: list[np.ndarray]
+    rows: Iterator[Any], scenario: Scenario, t: np.ndarray, meter: Meter, reached: list[np.ndarray]
 ) -> None:
-    """Into `given` the states that an iterator gives, up to the first that has failed."""
+    """Append to `reached` the states of an iterator, up to the first at which the run has failed."""
     monitor = Monitor(scenario, t[1], len(t) - 1, 1)
     for i in range(len(t)):
         row = next(rows, None)
         if row is None:
             raise ValueError(f"outputs ended after {i} states, {len(t)} were asked for")
-        rows_done.append(_as_states(row, (scenario.model.size,)))
+        reached.append(_as_states(row, (scenario.model.size,)))
         meter.done, meter.total = i, len(t) - 1
-        if i and monitor.add(i, rows_done[i][None])[0] != OK:
+        if i and monitor.add(i, reached[i][None])[0] != OK:
             return
 
 

@@ -1,4 +1,4 @@
-"""What every kind of run records, and how it becomes a Trajectory."""
+"""From the records of a run, of whichever kind, to a `Trajectory`; from the code of its end to a sentence."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def assemble(
     way: str = "",
     solver: SolverCounts | None = None,
 ) -> Trajectory:
-    """The Trajectory of the completed steps; solver: what is known of the counts where the tally has none."""
+    """The Trajectory of the completed steps; solver : counts of a solver that the tally does not count."""
     tally, dt, every, model = run.tally.as_numbers(), float(run.h), run.every, scenario.model
     done = tally.steps
     rows = -(-done // every) + 1
@@ -86,8 +86,7 @@ def assemble(
 
 
 def at_once(kind: type[Made], **values: Any) -> Made:
-    """A frozen record of these fields, and the defaults of others: set one by one, as its `__init__` does, they take a
-    tenth of a short run."""
+    """A frozen dataclass of these fields; its own `__init__` sets them one by one, in a tenth of a short run."""
     item = object.__new__(kind)
     object.__setattr__(item, "__dict__", values)
     return item

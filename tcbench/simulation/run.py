@@ -24,10 +24,10 @@ from .python_loop import FirstSteps, run_adaptive, run_step
 from .recorder import assemble, explain
 from .trajectory import Trajectory
 
-MOST_GIB = 16.0  # of recorded states, more of which would hardly be meant
-SMALL = 100  # length of a state; of longer ones fewer steps
+MOST_GIB = 16.0  # of recorded states: who asks for more has hardly meant it
+SHORT_STATE = 100  # length of a state up to which a chunk has CHUNK steps; those of longer ones have fewer
 LEAST_TOLERANCE = float(np.finfo(float).eps)
-CHUNK = 100_000  # steps between looks at the clock and the keyboard
+CHUNK = 100_000  # steps between two checks of the clock and the keyboard
 
 
 def simulate(
@@ -229,13 +229,13 @@ def run_flows(
 
 def march(run: Run, done: int, steps: int, told: str) -> int:
     """The steps from `done` on; returns why they ended. told: of a run that is foreseen to be long."""
-    small = run.n <= SMALL
+    small = run.n <= SHORT_STATE
     if small and not told:
         reason: int = LOOPS.march(run, done, min(steps, done + foresight.UNTOLD, done + CHUNK))
         done = run.tally.steps
         if done == steps or reason != OK:
             return reason
-    chunk, reason = CHUNK if small else max(1, CHUNK * SMALL // (5 * run.n)), OK
+    chunk, reason = CHUNK if small else max(1, CHUNK * SHORT_STATE // (5 * run.n)), OK
     with part(told or f"{steps} steps of {run.h:g}") as meter:
         while done < steps and reason == OK:
             reason = LOOPS.march(run, done, min(steps, done + chunk))

@@ -1,4 +1,4 @@
-"""What a run did in time: `Trajectory` -> columns for charts, and the thin part of them that a row keeps."""
+"""A run in time: `Trajectory` -> columns for charts, and the part of them that a row keeps."""
 
 from __future__ import annotations
 
@@ -20,20 +20,24 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 POINTS = 180  # states that a row keeps
-DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # of what a row keeps: states, losses of laws, distance from the exact motion
-LOST = ("_error", "_fall", "_rise")  # how columns end that say what a law has lost
+DIGITS, DIGITS_LOST, DIGITS_FAR = 9, 6, 3  # that a row keeps of states, of errors of laws, of distances to the exact
+LOST = ("_error", "_fall", "_rise")  # endings of the columns of errors of laws
 RUN = ("integrator", "scenario", "dt", "tolerance", "status")  # which run a state is of
-ENDS: dict[str, Any] = {"low": np.min, "mean": np.mean, "high": np.max}  # of more temperatures than letters
-ROW = ("series", "opening", "fields")  # where a row keeps them, and the names of the tables made of them
+ENDS: dict[str, Any] = {
+    "low": np.min,
+    "mean": np.mean,
+    "high": np.max,
+}  # of temperatures, where there are more than letters
+ROW = ("series", "opening", "fields")  # keys of a row, and names of the tables
 
 
 def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
-    """What a run did, column -> values at the recorded states `keep` (an index or a slice).
+    """Column -> values at the recorded states `keep` (an index or a slice), each of shape (kept,).
 
     energy_error |E - E_0|/V_0; entropy_fall (largest S so far) - S; NAME and NAME_error of each invariant (the error
     |I - I_0|/|I_0|, as in the tables); lyapunov_rise: (E - theta_ref S) above its least value so far, over V_0;
-    temperature_a, ... (of many temperature_low, temperature_mean and temperature_high, and no more); then the
-    variables, each number by its name (m0, m1, ...), or what elements tell instead:
+    temperature_a, ... (of many only temperature_low, temperature_mean and temperature_high); then the variables, each
+    number by its name (m0, m1, ...), or those of elements:
     strain_a (log strain) of each, x_1, y_1, ... of each mass in the plane, q_1, ... of other positions; and at_x_1,
     at_y_1, ... of each joint of a picture that points() gives. "So far" is over every recorded state.
     """
@@ -80,7 +84,7 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]
 
 
 def variables(names: Iterable[str]) -> list[str]:
-    """Of the columns of a table of states those that are a variable of the system, or what it tells instead."""
+    """The columns of a table of states that are variables of the system, or stand for them."""
     there = [str(name) for name in names]
     basic = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
     laws = {name.removesuffix("_error") for name in there if name.endswith("_error")}
@@ -90,7 +94,7 @@ def variables(names: Iterable[str]) -> list[str]:
 
 
 def _rounded(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:
-    """Lists of so many digits; columns with values that are no numbers are left out."""
+    """Columns as lists of DIGITS digits; columns with values that are not finite are left out."""
     lost = {name: name.endswith(LOST) for name in arrays}
     return {
         name: [float(f"{v:.{DIGITS_LOST if lost[name] else DIGITS}g}") for v in values]
@@ -100,8 +104,7 @@ def _rounded(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:
 
 
 def tables(records: Iterable[Mapping[str, Any]]) -> dict[str, DataFrame]:
-    """The tables of rows that kept them: one row a state (of `fields` a state and number), NaN where a run has no such
-    column."""
+    """The tables `ROW` of the rows that have them: one row a state (of `fields` a state and number)."""
     import pandas as pd
 
     frames: dict[str, list[DataFrame]] = {name: [] for name in ROW}
@@ -116,7 +119,7 @@ def tables(records: Iterable[Mapping[str, Any]]) -> dict[str, DataFrame]:
 
 
 def trajectory(run: Trajectory) -> DataFrame:
-    """One row a recorded state: the columns of `columns`, and which run it is."""
+    """The table of one run: its labels and the `columns`, one row a recorded state."""
     import pandas as pd
 
     labels = {"integrator": run.integrator.name, "scenario": run.scenario.name, "dt": run.dt, "status": run.status}

@@ -1,9 +1,9 @@
-"""Runs of adaptive solvers that several cells of one `tcbench run` need: made once, and read by the others.
+"""Runs of adaptive solvers that several cells of one `tcbench run` need: the first cell makes them, others read them.
 
 Conservation, equilibrium, stability and work_precision ask for the same run of the same solver, some of which take ten
-seconds. The first cell that makes such a run leaves what the solver gave in a folder of the run under way, which is
-removed at its end. Everything that is measured on the run is computed again from that, with the seconds that the solver
-took when it ran. Nothing is shared outside a worker of such a run.
+seconds. The first cell that makes such a run writes the solver's result into a folder of the run under way, which is
+removed at its end. Other cells measure that result, with the seconds that the solver took when it ran. Nothing is
+shared outside a worker of such a run.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from ..files import replacing
 from ..systems.scenario import Scenario
 
 SHORTEST_S = 0.02  # runs that take less are made again
-MOST_NUMBERS = 100_000  # of a run's states
-MOST_ARRAYS = 4_000_000  # numbers of what is left as arrays: 32 MB
+MOST_NUMBERS = 100_000  # of the states of a run that is shared
+MOST_ARRAYS = 4_000_000  # numbers of arrays that are shared: 32 MB
 
 _folder: Path | None = None
 _found = 0
@@ -34,12 +34,11 @@ _work_s = 0.0
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """What an adaptive solver gave.
+    """The result of an adaptive solver.
 
-    states : at the first output times, all but of a run that failed, shape (up to 201, n); counts : of steps and the
+    states : at the output times, shape (m, n), up to the first at which it failed; counts : of steps and the
     like; status : "ok", "nonconverged" where the solver gave up (then there are no states), "exception"; failure : why,
-    "" where it is ok; wall_s : seconds that it took; work_s : of the processor, by which what is slow is judged, for
-    these no busy machine makes longer.
+    "" where it is ok; wall_s : seconds; work_s : processor seconds, which a busy machine does not make longer.
     """
 
     states: np.ndarray
@@ -52,7 +51,7 @@ class Solved:
 
 @contextmanager
 def kept_in(folder: str | None) -> Iterator[None]:
-    """Runs are shared with whatever else uses this folder; None: with nobody, as where nothing is shared."""
+    """Within, runs are shared through this folder; None: they are not shared."""
     global _folder, _found
     outer, _folder = _folder, Path(folder) if folder else None
     _found = 0 if outer is None else _found
@@ -62,21 +61,21 @@ def kept_in(folder: str | None) -> Iterator[None]:
         _folder = outer
 
 
-made_anew = partial(kept_in, None)  # runs of one's own
+made_anew = partial(kept_in, None)  # within, runs are not shared
 
 
 def are_shared() -> bool:
-    """Is there anybody to share with?"""
+    """Are runs shared now?"""
     return _folder is not None
 
 
 def found() -> int:
-    """How many runs have been read, not made, since the outermost `kept_in`."""
+    """Number of runs that were read, not made, since the outermost `kept_in`."""
     return _found
 
 
 def used(run: Solved) -> None:
-    """This run is what is measured now."""
+    """Declare that this run is measured now: see `work_s`."""
     global _work_s
     _work_s = run.work_s
 
@@ -100,7 +99,7 @@ def recorded(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
 
 
 def keep(name: str, scenario: Scenario, tolerance: float, run: Solved) -> None:
-    """Leave a run to others if it took long."""
+    """Share a run that took long."""
     if _folder is None or run.wall_s < SHORTEST_S or run.states.size > MOST_NUMBERS:
         return
     data: dict[str, Any] = asdict(run) | {"states": run.states.tolist()}
@@ -109,7 +108,7 @@ def keep(name: str, scenario: Scenario, tolerance: float, run: Solved) -> None:
 
 
 def arrays(name: str, scenario: Scenario, tolerance: float) -> dict[str, np.ndarray] | None:
-    """What `keep_arrays` has left under this name, for this scenario."""
+    """The arrays that `keep_arrays` shared under this name for this scenario, or None."""
     if _folder is not None:
         place = _place(_folder, name, scenario, tolerance).with_suffix(".npz")
         with suppress(OSError, ValueError, zipfile.BadZipFile), np.load(place, allow_pickle=False) as data:
@@ -118,7 +117,7 @@ def arrays(name: str, scenario: Scenario, tolerance: float) -> dict[str, np.ndar
 
 
 def keep_arrays(name: str, scenario: Scenario, tolerance: float, arrays: Mapping[str, np.ndarray]) -> None:
-    """Leave arrays to others, whatever time they took."""
+    """Share arrays, however long they took."""
     if _folder is None or sum(array.size for array in arrays.values()) > MOST_ARRAYS:
         return
     place = _place(_folder, name, scenario, tolerance).with_suffix(".npz")

@@ -19,7 +19,7 @@ from .prepared import Prepared, take
 from .python_loop import real
 from .recorder import cause_of
 
-BACK = 1e-9  # of each variable's size: a step and its way back end as near to where they began
+BACK = 1e-9  # gap, over each variable's size, of a step and its way back
 
 
 def stepper(method: str | Integrator, system: System | Scenario | str) -> Stepper:
@@ -70,7 +70,7 @@ def stepper(method: str | Integrator, system: System | Scenario | str) -> Steppe
 
 
 class Stepper:
-    """z1 = step(z, h); see `stepper`. It holds the memory of a run; threads that share one take turns."""
+    """z1 = step(z, h); see `stepper`. It holds the workspace of a run; threads that share one take turns."""
 
     _ready: Prepared | None = None
 
@@ -80,7 +80,7 @@ class Stepper:
         if kernels:
             self._ready = take(method, system, kernels)
             self._ready.clear()
-            self._ready.run.make_room(2)  # what it recorded before is the result of that run
+            self._ready.run.make_room(2)  # earlier records belong to the run that made them
             self._ready.set_rules(Rules(), math.inf)
             self._ready.set_length(1.0)
 
@@ -89,7 +89,7 @@ class Stepper:
             self._ready.give_back()
 
     def __reduce__(self) -> Any:
-        return stepper, (self.method, self.system)  # a copy has memory of its own
+        return stepper, (self.method, self.system)  # a copy has a workspace of its own
 
     @property
     def order(self) -> int | None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def columns(run: Trajectory, observables: Sequence[Observable] = ()) -> dict[str, np.ndarray]:
-    """What was recorded, by name: t, variables (m0.., s), energy, entropy, invariants, theta0.., observables."""
+    """t, variables (m0.., s), energy, entropy, invariants, theta0.. and observables by name, each of shape (m,)."""
     names, m = run.scenario.model.component_names, run.temperatures.shape[1]
     table = {"t": run.t, **dict(zip(names, run.z.T, strict=True)), "energy": run.energy, "entropy": run.entropy}
     table |= dict(run.invariants) | {f"theta{i}": run.temperatures[:, i] for i in range(m)}
@@ -39,7 +39,7 @@ def _checked(observables: Any) -> Sequence[Observable]:
 
 
 def read_only(run: Trajectory) -> Trajectory:
-    """The run for a plugin's function, which may look at its arrays and not write to them."""
+    """The run with read-only arrays, for the function of a plugin."""
 
     def view(value: Any) -> Any:
         if isinstance(value, Mapping):
@@ -114,7 +114,7 @@ def picture(run: Trajectory, observables: Sequence[Observable] = ()) -> Figure:
 
 
 def as_html(run: Trajectory) -> str:
-    """What a notebook shows: how the run ended and what it kept."""
+    """The run as HTML for a notebook: how it ended, and its largest errors."""
     lost = np.abs(run.energy - run.energy[0]).max() / run.scenario.initial_exergy
     told = {
         "integrator": run.integrator.name, "scenario": run.scenario.name, "status": run.status,

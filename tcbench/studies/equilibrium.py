@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import plugins
-from ..analysis.maximum_entropy import FAR, MOST, Equilibrium, maximum_entropy
+from ..analysis.maximum_entropy import FAR, MAX_NUMBERS, Equilibrium, maximum_entropy
 from ..integrator import Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
@@ -71,7 +71,7 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
     Systems of so many variables that second derivatives are not written out are left out.
     """
-    chosen = [scenario for scenario in scenarios if scenario.model.size <= MOST]
+    chosen = [scenario for scenario in scenarios if scenario.model.size <= MAX_NUMBERS]
     if {scenario.name for scenario in scenarios} >= set(plugins.scenarios()):
         chosen = [scenario for scenario in chosen if scenario.t_end >= LONG_HORIZON]
     cells: Cells = []

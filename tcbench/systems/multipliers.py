@@ -27,7 +27,7 @@ MOST_LOOKED_AT, MOST_STATES = 60, 2000  # constraints and states of which depend
 FLAT = 0.6  # how far apart directions are at most on both sides of a flat position, together
 SHARP = 0.25  # of this, by how much the lines of both sides may miss 0 between them
 SHOWN = 30  # numbers of a variable that a sentence writes out
-MOST = 50  # corrections of a start
+CORRECTIONS = 50  # of a start, by Newton's method
 CLOSE = 1e-15  # of its own size, a correction that is the last
 
 
@@ -124,7 +124,7 @@ class Multipliers:
         round-off, then momenta nearest in kinetic energy."""
         z = np.array(z, dtype=float)
         last = math.inf
-        for _ in range(MOST):
+        for _ in range(CORRECTIONS):
             G, B, _, inertia = self.at(z)
             weighed = self._bracket(z, np.zeros(len(z))) @ B.T
             weighed = weighed.multiply((np.abs(G).sum(axis=0) > 0).reshape(-1, 1)).tocsr()  # of what g reads alone

@@ -107,7 +107,7 @@ class OverSpaces(Traced):
     @property
     def large(self) -> bool:
         """Is it traced on arrays?"""
-        return bool(self.spaces) and self.size > traced.FEW
+        return bool(self.spaces) and self.size > traced.ENTRY_BY_ENTRY
 
     @property
     def structure(self) -> tuple[Any, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .element_system import ElementSystem
 
-TINY = 1e-100  # added to what is divided by itself, so that no conduction at all is no 0/0: it changes no other number
+NOT_ZERO = 1e-100  # added to kappa t, so that no conduction at all is not 0/0; it changes no other number
 
 
 class Springs(ElementSystem):
@@ -90,7 +90,7 @@ class Pendulum(Springs):
     def conduction_flow(self, theta: Any, t: Any) -> tuple[Any, Any]:
         """theta_a + theta_b stays, theta_a - theta_b decays as exp(-2 kappa t/c0): both springs have c0."""
         a, b = theta
-        x = 2.0 * self.conductivity * t / self.heat_capacity + TINY
+        x = 2.0 * self.conductivity * t / self.heat_capacity + NOT_ZERO
         half, decayed = 0.5 * (a - b), np.expm1(-x)
         moved = half * decayed
         mean = half * (-decayed / x)

@@ -12,7 +12,7 @@ from ..errors import TcbenchError
 from .element_system import ElementSystem
 from .system import System
 
-MOST = 100  # masses or lines beyond which nothing is drawn
+DRAWN_ELEMENTS = 100  # masses or lines above which a picture would show nothing
 
 
 def links(model: System) -> list[list[int]]:
@@ -20,7 +20,7 @@ def links(model: System) -> list[list[int]]:
 
     Found by trying: the strain measure of a spring is the squared distance of two points. [] if any is not.
     """
-    if not isinstance(model, ElementSystem) or model.n_positions % 2 or model.n_positions > 2 * MOST:
+    if not isinstance(model, ElementSystem) or model.n_positions % 2 or model.n_positions > 2 * DRAWN_ELEMENTS:
         return []
     trials = np.random.default_rng(0).normal(size=(3, model.n_positions))
     points = np.concatenate([np.zeros((3, 1, 2)), trials.reshape(3, -1, 2)], axis=1)
@@ -37,8 +37,8 @@ def links(model: System) -> list[list[int]]:
 def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
     """Of a system that says points(): the two joints of each line, and which ends (0, 1 of the first line, 2, 3 of the
     second, ...) are the joints 1, 2, ...; joint 0 is the origin. Ends that are one point wherever the system is are one
-    joint. ([], []) of a system without a picture, or with more than MOST lines."""
-    if not model.defines("points") or len(z0) > 10 * MOST:
+    joint. ([], []) of a system without a picture, or with more than DRAWN_ELEMENTS lines."""
+    if not model.defines("points") or len(z0) > 10 * DRAWN_ELEMENTS:
         return [], []
     rng = np.random.default_rng(0)
     try:
@@ -47,7 +47,7 @@ def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
             ends = segments(model, states).reshape(len(states), -1, 2)
     except (TcbenchError, ArithmeticError, TypeError, ValueError):  # `tcbench check` says which
         return [], []
-    if ends.shape[1] > 2 * MOST:
+    if ends.shape[1] > 2 * DRAWN_ELEMENTS:
         return [], []
     places, first, joint_of_end = [np.zeros((len(states), 2))], [], []
     for k in range(ends.shape[1]):

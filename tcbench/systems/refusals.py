@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 COVECTORS = ("reversible", "irreversible", "temperature")  # formulas of (z, dE, dS)
 ALIKE = 0.85  # of two names, as difflib has it: reversable and reversible are 0.9
 MOST_DEGREE = 2  # of a strain measure in the positions
-POINTS = 5  # random ones at which a derivative has to vanish
-ROUND_OFF = 1e-9  # of a derivative, over the terms that it is the sum of
-CONSERVED = 1e-7  # of its terms, the rate of what is conserved, where these are more than ...
-SEEN = 1e-6  # ... this part of those at other states
-_CONSERVED: WeakSet[Any] = WeakSet()  # systems that have been looked at
+POINTS = 5  # random points at which a derivative has to vanish
+NIL = 1e-9  # round-off of a derivative that is 0, over its terms
+CONSERVED_RATE = 1e-7  # rate of an invariant, over its terms, that is round-off
+RESTING_TERMS = 1e-6  # floor of these terms, over those at other states: at rest they are round-off themselves
+_CHECKED: WeakSet[Any] = WeakSet()  # systems whose invariants have been checked
 
 
 def check_class(cls: type[System]) -> None:
@@ -174,7 +174,7 @@ def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
         for values in table:
             scope["kernel"](rng.uniform(0.5, 1.5, len(variables)), None, values)
     finite = np.isfinite(table).all(axis=1)
-    return bool(finite.any() and np.all(np.abs(table[finite, -1]) <= ROUND_OFF * np.abs(table[finite]).max(axis=1)))
+    return bool(finite.any() and np.all(np.abs(table[finite, -1]) <= NIL * np.abs(table[finite]).max(axis=1)))
 
 
 def _line(system: System, *names: str) -> str:
@@ -207,11 +207,11 @@ def energy_slopes(system: ElementSystem, energies: Sequence[Symbol], own: Sequen
 def check_invariants(system: System, z0: Any) -> None:
     """TcbenchError where what a system says is conserved changes as it moves: methods that hold its value would hold
     it all the same, and go elsewhere."""
-    if system in _CONSERVED:
+    if system in _CHECKED:
         return
     own = system.defines("element_energy") and type(system).__module__.startswith(("tcbench.", "tcbench_plugins."))
     if own or not system.invariant_names:  # what tests know needs no look at each start
-        _CONSERVED.add(system)
+        _CHECKED.add(system)
         return
     for name in system.invariant_names:
         if name in system.variables or is_column(name, system):
@@ -220,11 +220,11 @@ def check_invariants(system: System, z0: Any) -> None:
     states = np.array([z0, *(system.nearby(z0, rng) for _ in range(POINTS))], dtype=float)
     with np.errstate(all="ignore"):
         rates, terms = np.split(np.abs(system.invariant_rates(states)), 2, axis=1)
-        shares = rates / np.fmax(terms, SEEN * np.nanmedian(terms, axis=0))  # at rest all is round-off
-    for k, i in np.argwhere(shares > CONSERVED)[:1]:  # not NaN
+        shares = rates / np.fmax(terms, RESTING_TERMS * np.nanmedian(terms, axis=0))  # at rest all is round-off
+    for k, i in np.argwhere(shares > CONSERVED_RATE)[:1]:  # not NaN
         raise TcbenchError(
             f"invariants() of {type(system).__name__} names {system.invariant_names[i]!r}, which is not conserved: "
             f"its rate at {np.array2string(states[k], precision=3)} is {shares[k, i]:.1g} of the terms that it is the "
             "sum of. Fix reversible(), irreversible() or the formula, or leave it out (tcbench check says more)."
         )
-    _CONSERVED.add(system)
+    _CHECKED.add(system)

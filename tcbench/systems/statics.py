@@ -13,9 +13,9 @@ from .sparse_jacobian import sparse_slopes
 if TYPE_CHECKING:
     from .scenario import Scenario
 
-MOST, HALVES = 60, 30  # corrections, and halves of one that would raise the energy
-STILL = 1e-13  # of the size of a variable: a correction that is the last
-SINGULAR = 1e-12  # least pivot over the largest: what does not resist
+CORRECTIONS, HALVINGS = 60, 30  # of Newton's method, and of a correction that would raise the energy
+STILL = 1e-13  # of the size of a variable: the correction that is the last
+SINGULAR = 1e-12  # smallest pivot over the largest, below which some motion meets no resistance
 
 
 def gradient(system: Any, z: Any) -> Any:
@@ -42,7 +42,7 @@ def at_rest(scenario: Scenario, variable: str = "q", held: Any = None) -> Scenar
     if not len(free):
         return scenario
     slopes, size = sparse_slopes(model, gradient), max(1.0, float(np.abs(z[free]).max(initial=0.0)))
-    for _ in range(MOST):
+    for _ in range(CORRECTIONS):
         g, K = np.asarray(model.gradient(z))[free], slopes(z)[free][:, free].tocsc()
         try:
             factors = splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
@@ -86,7 +86,7 @@ def _lowering(model: Any, z: Any, move: Any, slope: float) -> float:
     """The part of a move after which the energy is lower, round-off aside; 0: none is."""
     energy, part = float(model.energy(z)), 1.0
     allowed = 1e-14 * (model.energy_magnitude + abs(energy))
-    for _ in range(HALVES):
+    for _ in range(HALVINGS):
         with np.errstate(all="ignore"):
             new = float(model.energy(z + part * move))
         if new <= energy + 1e-4 * part * slope + allowed:

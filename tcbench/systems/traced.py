@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
 OF_LAWS = 2  # of `System.magnitudes` the last ones: of energy and entropy
-FEW = 24  # length of a state over spaces up to which formulas are traced entry by entry
-MOST_WHOLE = 200  # longest state that is: beyond, compiling straight-line code takes minutes
+ENTRY_BY_ENTRY = 24  # length of a state over spaces up to which formulas are traced entry by entry, not in loops
+MOST_WHOLE = 200  # the longest that ever is: straight-line code of longer ones takes minutes to compile
 # what takes a state in any thermal variable
 OF_ANY = ["entropy_variables", "variables_of_energies", "temperature_field", "temperature_forces", "shapes"]
 _SYMBOLIC: dict[tuple[Any, ...], Any] = {}

@@ -190,7 +190,7 @@ def test_declarations_are_checked():
 def test_formulas_of_all_sizes_are_traced_once():
     one, other = NETWORKS["row"], row(Row, **SMALL, kappa=3.0)
     assert one.model.by_arrays is other.model.by_arrays
-    assert one.model.structure != other.model.structure and one.model.size > traced.FEW
+    assert one.model.structure != other.model.structure and one.model.size > traced.ENTRY_BY_ENTRY
 
 
 class Undeclared(System):
