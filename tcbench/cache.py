@@ -30,10 +30,9 @@ FOLDER, LIMIT = "TCBENCH_CACHE_DIR", "TCBENCH_CACHE_LIMIT"
 MEBIBYTES = 512  # by default
 PARTS = ("code", "references")
 SEAL = b"tcbench file 3\n"  # then the SHA-256 of the name and of what follows
-USED_S = 3600.0  # how fine the time of the last use is told
+USED_S = 3600.0  # how fine the time of the last use is told, and after which what is half written was left by the dead
 WRITES = 256  # between two looks at the limit; the first file that a process writes is followed by one
 KEPT_SHARE = 0.8  # of the limit that pruning leaves
-UNFINISHED_S = 3600.0  # what a killed process left half written
 FILES = re.compile(r"[0-9a-f]{32,64}\.(o|text|json|failed)\Z")  # text: of earlier versions
 CURE = f"or set {FOLDER} to a folder of your own."
 
@@ -50,8 +49,7 @@ class Usage:
 
 def root() -> Path:
     """Where everything is kept: $TCBENCH_CACHE_DIR, or the user's cache folder."""
-    asked = os.environ.get(FOLDER)
-    if asked:
+    if asked := os.environ.get(FOLDER):
         return Path(asked).expanduser().absolute()
     from platformdirs import user_cache_dir
 
@@ -80,96 +78,59 @@ def limit() -> int:
 
 
 _TRUSTED: set[Path] = set()
-LOOKS = 20  # at a folder that others may remove meanwhile, again and again
 
 
 def folder(part: str) -> Path:
-    """The folder of one of `PARTS`, made where there is none; refused where others may write to it."""
+    """The folder of one of `PARTS`, made where there is none; MachineError where it cannot be, or others may write to
+    it: what lies in the cache is run."""
     here = root() / part
-    if here not in _TRUSTED or not here.is_dir():
-        for left in reversed(range(LOOKS)):
-            try:
-                for path in (here.parent, here):
-                    _make(path)
-                    _trust(path)
-                break
-            except MachineError:  # it may have been removed between two looks; what is wrong for good is so again
-                if not left:
-                    raise
-        _TRUSTED.add(here)
+    if here in _TRUSTED and here.is_dir():
+        return here
+    for path in (here.parent, here):
+        name = f"The cache folder {str(path)!r}"
+        try:
+            if not path.exists():
+                path.mkdir(mode=0o700, parents=True, exist_ok=True)
+                path.chmod(0o700)  # whatever the umask
+            found = path.stat()
+        except OSError as error:
+            raise MachineError(f"{name} cannot be made: {error.strerror or error}. Make it, {CURE}") from None
+        if not stat.S_ISDIR(found.st_mode):
+            raise MachineError(f"{name} is no folder: remove it, {CURE}")
+        if not _is_own(found):
+            raise MachineError(f"{name} belongs to another user and is not trusted: {CURE[3:]}")
+        if hasattr(os, "getuid") and found.st_mode & 0o022:
+            told = f"Other users may write to the cache folder {str(path)!r}, so that it is not trusted"
+            raise MachineError(f"{told}: chmod go-w {str(path)!r}, {CURE}")
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise MachineError(f"{name} cannot be written: allow it, {CURE}")
+    _TRUSTED.add(here)
     return here
 
 
-def _make(path: Path) -> None:
-    try:
-        if not path.is_dir():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with contextlib.suppress(FileExistsError):
-                path.mkdir(mode=0o700)
-                path.chmod(0o700)  # whatever the umask
-    except OSError as error:
-        raise MachineError(
-            f"The cache folder {str(path)!r} cannot be made: {error.strerror or error}. Make it, {CURE}"
-        ) from None
+def _is_own(found: os.stat_result) -> bool:
+    """On Windows the user's folder is the user's."""
+    return not hasattr(os, "getuid") or found.st_uid == os.getuid()
 
 
-def _trust(path: Path) -> None:
-    """What lies in the cache is run: nobody else may write there."""
-    try:
-        found = path.stat()
-    except OSError as error:
-        raise MachineError(f"The cache folder {str(path)!r} cannot be read: {error.strerror or error}.") from None
-    if not stat.S_ISDIR(found.st_mode):
-        raise MachineError(f"The cache folder {str(path)!r} is no folder: remove it, {CURE}")
-    if not hasattr(os, "getuid"):  # pragma: no cover -- Windows, where the user's folder is the user's
-        return
-    if found.st_uid != os.getuid():
-        raise MachineError(f"The cache folder {str(path)!r} belongs to another user and is not trusted: {CURE[3:]}")
-    if found.st_mode & 0o022:
-        raise MachineError(
-            f"Other users may write to the cache folder {str(path)!r}, so that it is not trusted: "
-            f"chmod go-w {str(path)!r}, {CURE}"
-        )
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise MachineError(f"The cache folder {str(path)!r} cannot be written: allow it, {CURE}")
-
-
-# files --------------------------------------------------------------------------------------------------------------
-
-
-def _checksum(name: str, content: bytes) -> bytes:
+def _sealed(name: str, content: bytes) -> bytes:
     """With the file's name: another file, whole as it may be, is not taken for this one."""
-    return hashlib.sha256(name.encode() + b"\n" + content).digest()
-
-
-def unsealed(name: str, data: bytes) -> bytes | None:
-    """What was sealed under this name; None if it is damaged."""
-    seal, check, content = data[: len(SEAL)], data[len(SEAL) : len(SEAL) + 32], data[len(SEAL) + 32 :]
-    return content if seal == SEAL and _checksum(name, content) == check else None
-
-
-def _at_once(path: str, flags: int) -> int:
-    """Opens a file; of a pipe it does not wait for the other end."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    return SEAL + hashlib.sha256(name.encode() + b"\n" + content).digest() + content
 
 
 def read(part: str, name: str) -> bytes | None:
     """The content of a file; None if it is missing, damaged, or not this user's alone to write."""
     path = folder(part) / name
     try:
-        with open(path, "rb", opener=_at_once) as file:
-            found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode):
-                return None
-            if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & 0o022):
-                return None
-            content = unsealed(name, file.read())
+        found = path.stat()
+        alone = _is_own(found) and not (hasattr(os, "getuid") and found.st_mode & 0o022)
+        data = path.read_bytes() if alone and stat.S_ISREG(found.st_mode) else b""
+        if time.time() - found.st_mtime > USED_S:
+            os.utime(path)
     except OSError:
         return None
-    if content is not None and time.time() - found.st_mtime > USED_S:
-        with contextlib.suppress(OSError):
-            os.utime(path)
-    return content
+    content = data[len(SEAL) + 32 :]
+    return content if data == _sealed(name, content) else None
 
 
 _written = 0
@@ -178,27 +139,23 @@ _written = 0
 def write(part: str, name: str, content: bytes) -> None:
     """Write a file; others see it whole or not at all. (After a power cut the checksum tells what was lost.)"""
     global _written
+    path = folder(part) / name
     try:
-        for _ in range(LOOKS):  # at last the file is made another time
-            with contextlib.suppress(FileNotFoundError):
-                _write(folder(part) / name, content)
-                break
+        with replacing(path) as temporary:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+            with os.fdopen(os.open(temporary, flags, 0o600), "wb") as file:
+                temporary.chmod(0o600)  # whatever the umask
+                file.write(_sealed(name, content))
+    except FileNotFoundError:  # somebody has removed the folder meanwhile; the file is made another time
+        return
     except OSError as error:
         raise MachineError(
-            f"The cache folder {str(root() / part)!r} cannot be written: {error.strerror or error}. "
-            f"Make room there, {CURE}"
+            f"The cache folder {str(path.parent)!r} cannot be written: {error.strerror or error}. Make room there, "
+            f"{CURE}"
         ) from error
     if _written % WRITES == 0:
         prune()
     _written += 1
-
-
-def _write(path: Path, content: bytes) -> None:
-    with replacing(path) as temporary:
-        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
-        with os.fdopen(descriptor, "wb") as file:
-            temporary.chmod(0o600)  # whatever the umask
-            file.write(SEAL + _checksum(path.name, content) + content)
 
 
 def kept(part: str, name: str, make: Callable[[], bytes]) -> bytes:
@@ -210,20 +167,16 @@ def kept(part: str, name: str, make: Callable[[], bytes]) -> bytes:
     return content
 
 
-# what there is, and what goes ----------------------------------------------------------------------------------------
-
-
 def usage() -> Usage:
     """Where the cache is, what it holds, and what it may hold."""
-    sizes = [found.st_size for _, found in _files()]
+    sizes = [found.st_size for _, found in _listed(FILES)]
     return Usage(root(), len(sizes), sum(sizes), limit())
 
 
 def clear() -> Usage:
     """Remove every file of the cache; returns what was there. MachineError where files cannot be removed."""
     before = usage()
-    refused = [error for path, _ in _files() if (error := _remove(path))]
-    _remove_leftovers()
+    refused = [error for path, _ in _listed(FILES) if (error := _remove(path))]
     if refused:
         raise MachineError(
             f"{len(refused)} of {before.files} files in the cache folder {str(root())!r} cannot be removed: "
@@ -233,26 +186,18 @@ def clear() -> Usage:
 
 
 def prune() -> None:
-    """Remove what was not used for longest, until the cache is within its limit."""
-    _remove_leftovers()
-    most = limit()
-    found = sorted(_files(), key=lambda one: one[1].st_mtime)
-    total = sum(state.st_size for _, state in found)
-    wanted = most if total <= most else KEPT_SHARE * most
-    for path, state in found:
-        if total <= wanted:
+    """Remove what killed processes left half written, and what was not used for longest, until the rest is within the
+    limit."""
+    for path, state in _listed(HALF_WRITTEN):
+        if time.time() - state.st_mtime > USED_S:
+            _remove(path)
+    found = sorted(_listed(FILES), key=lambda one: one[1].st_mtime)
+    total, most = sum(state.st_size for _, state in found), limit()
+    for path, state in found if total > most else ():
+        if total <= KEPT_SHARE * most:
             break
         _remove(path)
         total -= state.st_size
-
-
-def _remove_leftovers() -> None:
-    """What killed processes left half written."""
-    now = time.time()
-    for part in PARTS:
-        for path, state in _listed(root() / part, HALF_WRITTEN):
-            if now - state.st_mtime > UNFINISHED_S:
-                _remove(path)
 
 
 def _remove(path: Path) -> OSError | None:
@@ -264,15 +209,11 @@ def _remove(path: Path) -> OSError | None:
     return None
 
 
-def _files() -> Iterator[tuple[Path, os.stat_result]]:
-    """All files of the cache, and nothing that is not its own."""
+def _listed(names: re.Pattern[str]) -> Iterator[tuple[Path, os.stat_result]]:
+    """Files of the cache with such names, and nothing that is not its own."""
     for part in PARTS:
-        yield from _listed(root() / part, FILES)
-
-
-def _listed(place: Path, names: re.Pattern[str]) -> Iterator[tuple[Path, os.stat_result]]:
-    with contextlib.suppress(OSError), os.scandir(place) as entries:
-        for entry in entries:
-            if names.match(entry.name):
-                with contextlib.suppress(OSError):
-                    yield Path(entry.path), entry.stat(follow_symlinks=False)
+        with contextlib.suppress(OSError):
+            for entry in os.scandir(root() / part):
+                if names.match(entry.name):
+                    with contextlib.suppress(OSError):
+                        yield Path(entry.path), entry.stat(follow_symlinks=False)
