@@ -1,36 +1,30 @@
-"""A process of its own that answers calls one by one: JSON lines on two pipes, the same on every system.
+"""A worker's process as its parent sees it: JSON lines on two pipes, the same on every system.
 
-`Child` is the parent's half, `main` the other. A call names a function and has JSON arguments; the answer is the text
-that the function returns, so that nothing that foreign code made is unpickled here. The process starts afresh, with
-this one's path, flags and environment, one thread unless the user says more, and no arguments, standard input or
-terminal. It ends when this process ends, however that goes: its pipe is closed then (and on Linux the kernel ends it,
-wherever it hangs).
+A call is a cell, the answer the text of its row, so that nothing that foreign code made is unpickled here. The process
+starts afresh, with this one's path, flags and environment, one thread unless the user says more, and no arguments,
+standard input or terminal. It ends when this process ends, however that goes: its pipe is closed then (and on Linux
+the kernel ends it, wherever it hangs).
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import os
-import pkgutil
-import queue
 import signal
 import subprocess
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from ..errors import TcbenchError
-from .codec import from_json, to_json
+from .codec import to_json
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
 START = (
     "import sys, json; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
-    "from tcbench.runner.child import main; main(told)"
+    "from tcbench.runner.worker import main; main(told['settings'])"
 )
 FLAGS = {"dont_write_bytecode": "-B", "optimize": "-O", "no_user_site": "-s", "ignore_environment": "-E"}
 # Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
@@ -44,16 +38,12 @@ class Child:
     """A process that answers calls in their order.
 
     heard : called in another thread with this object and READY, then each answer, and None when the process has ended.
-    begin : function that it calls first, with the JSON that the file `settings` holds. output : where
-        what it prints goes, this process's stderr by default.
+    settings : the JSON file of what `worker.start` is given. output : where what it prints goes.
     """
 
-    def __init__(
-        self, heard: Callable[[Child, bytes | None], None], begin: str = "", settings: str = "",
-        output: IO[bytes] | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, heard: Callable[[Child, bytes | None], None], settings: Path, output: IO[bytes]) -> None:
         path = [os.fspath(p) or os.getcwd() for p in sys.path]
-        told = json.dumps({"path": path, "begin": begin, "settings": settings})
+        told = json.dumps({"path": path, "settings": os.fspath(settings)})
         flags = [flag for name, flag in FLAGS.items() for _ in range(int(getattr(sys.flags, name)))]
         flags += ["-B"] if sys.dont_write_bytecode and "-B" not in flags else []
         group: dict[str, Any] = {"process_group": 0}  # Ctrl-C is the parent's, who ends this one
@@ -66,11 +56,11 @@ class Child:
         )  # fmt: skip
         threading.Thread(target=self._listen, name="tcbench-child", daemon=True).start()
 
-    def call(self, function: str, *arguments: Any) -> None:
-        """Have it call "package.module:function"; of one that has died meanwhile the end is on its way to `heard`."""
+    def call(self, cell: Mapping[str, Any], extra: Mapping[str, Any]) -> None:
+        """Have it measure a cell; of one that has died meanwhile the end is on its way to `heard`."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):
-            self.process.stdin.write(to_json([function, arguments]) + b"\n")
+            self.process.stdin.write(to_json([cell, extra]) + b"\n")
             self.process.stdin.flush()
 
     def kill(self) -> None:
@@ -122,55 +112,3 @@ def signal_name(code: int | None) -> str | None:
         return signal.Signals(-code).name
     except ValueError:
         return f"signal {-code}"
-
-
-# -- the other half
-
-
-def main(told: Mapping[str, Any]) -> None:
-    """Answer the calls that come on standard input, on what was standard output; return never."""
-    calls, answers, own = os.fdopen(os.dup(0), "rb"), os.dup(1), os.getpid()
-    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-    os.dup2(2, 1)
-    sys.argv[:] = [""]
-    _end_with_the_parent()
-    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    threading.Thread(target=_hear, args=(calls, waiting.put), name="tcbench-calls", daemon=True).start()
-
-    def say(data: bytes) -> None:
-        if os.getpid() != own:
-            os._exit(0)  # a copy that foreign code has forked and that came back from it
-        while data:
-            data = data[os.write(answers, data) :]
-
-    if told["begin"]:
-        pkgutil.resolve_name(told["begin"])(from_json(Path(told["settings"]).read_bytes()))
-    say(READY)
-    while True:
-        function, arguments = from_json(waiting.get())
-        try:
-            text = pkgutil.resolve_name(function)(*arguments)
-        except BaseException as error:
-            kind = type(error).__name__ if isinstance(error, TcbenchError) else ""
-            raised = "".join(traceback.format_exception(error))
-            text = to_json({"raised": raised, "kind": kind, "sentence": str(error) if kind else ""})
-        say((text if isinstance(text, bytes) else text.encode()) + b"\n")
-
-
-def _hear(calls: IO[bytes], put: Callable[[bytes], None]) -> None:
-    for line in calls:
-        put(line)
-    if hasattr(os, "killpg"):  # the parent is gone: this process and what its cells have started end
-        for pid in descendants(os.getpid()):
-            with contextlib.suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-        os.killpg(0, signal.SIGKILL)
-    os._exit(1)
-
-
-def _end_with_the_parent() -> None:
-    """A killed parent must not leave a process behind, least of all one that hangs in C code."""
-    if sys.platform == "linux":
-        with contextlib.suppress(Exception):
-            ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
-            ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER: what its children leave behind is its own

@@ -31,7 +31,7 @@ from .codec import from_json, row_bytes, to_json
 from .ledger import Event, Ledger, Summary, check_limits, plan
 from .provenance import usable_cores
 from .rows import Rows, Store
-from .worker import cut, exception_row, read_tail
+from .worker import cut, read_tail
 
 TICK_S = 0.05  # how often deadlines are looked at
 SEED = 0  # of the order of timed cells
@@ -201,7 +201,7 @@ class Worker:
                 continue
             assert self._child is not None
             self._began = time.monotonic()
-            self._child.call("tcbench.runner.worker:run_cell", self.cell.as_dict(), self._extra)
+            self._child.call(self.cell.as_dict(), self._extra)
         if self.cell is None:
             crew = self.crew
             if before and self._child and self._ready and before.integrator in crew.later and len(crew.idle) < KEPT:
@@ -223,9 +223,6 @@ class Worker:
                 self._end(crash_row(code) | {"cell_time_s": time.monotonic() - self._began})
             else:
                 self._start_failed(how_it_died(code))
-        elif line.startswith(b'{"raised"'):  # of the transport, or of a worker without memory
-            self.discard()
-            self._end(exception_row(RuntimeError(from_json(line)["raised"][-2000:])))
         else:
             self._end(line)
 
@@ -270,10 +267,7 @@ class Worker:
         with open(self._log, "wb"):
             pass
         with open(self._log, "ab") as output:  # appending: after it was emptied writing goes on at its beginning
-            said = self.crew.said
-            self._child = Child(
-                lambda c, line: said.put((self, c, line)), "tcbench.runner.worker:start", str(told), output
-            )
+            self._child = Child(lambda c, line: self.crew.said.put((self, c, line)), told, output)
 
     def _start_failed(self, how: str) -> None:
         """Try again; after some attempts all that is left of this integrator is given up."""

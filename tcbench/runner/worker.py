@@ -1,26 +1,31 @@
 """Inside a worker process: the cells of one integrator, one at a time, each to a row, whatever happens.
 
 What Python can catch (exceptions, SystemExit, values that are not JSON) becomes a row here; what it cannot (hangs,
-segfaults, `os._exit`, kill -9) is seen and recorded by the parent. Rows travel as JSON text.
+segfaults, `os._exit`, kill -9) is seen and recorded by the parent (`child`). Rows travel as JSON text.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import errno
 import faulthandler
 import io
 import os
 import pkgutil
+import queue
+import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, NoReturn
 
 from ..errors import ChangedError, MachineError
-from .codec import row_bytes
+from .child import READY, descendants
+from .codec import from_json, row_bytes
 
 if TYPE_CHECKING:
     from ..integrator import Integrator
@@ -35,9 +40,42 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EMFILE, errn
 _settings: dict[str, Any] = {}
 
 
+def main(settings: str) -> NoReturn:
+    """Measure the cells that come on standard input, and answer on what was standard output. settings : a file."""
+    calls, answers, own = os.fdopen(os.dup(0), "rb"), os.dup(1), os.getpid()
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    sys.argv[:] = [""]
+    if sys.platform == "linux":  # a killed parent must not leave a process behind, least of all one that hangs in C
+        with contextlib.suppress(Exception):
+            ctypes.CDLL(None).prctl(1, int(signal.SIGKILL), 0, 0, 0)  # 1 = PR_SET_PDEATHSIG
+            ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER: what its children leave is its own
+    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_hear, args=(calls, waiting.put), name="tcbench-calls", daemon=True).start()
+    start(from_json(Path(settings).read_bytes()))
+    answer = READY
+    while True:
+        if os.getpid() != own:
+            os._exit(0)  # a copy that foreign code has forked and that came back from it
+        while answer:
+            answer = answer[os.write(answers, answer) :]
+        answer = run_cell(*from_json(waiting.get())) + b"\n"
+
+
+def _hear(calls: IO[bytes], put: Callable[[bytes], None]) -> None:
+    for line in calls:
+        put(line)
+    if hasattr(os, "killpg"):  # the parent is gone: this process and what its cells have started end
+        for pid in descendants(os.getpid()):
+            with contextlib.suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
+
+
 def start(settings: dict[str, Any]) -> None:
-    """Prepare the process (a `child.Child`): output, limits; the measuring code and the plugins are imported before any
-    clock starts. An error of these imports is left to the cells' rows."""
+    """Prepare the process: output, limits; the measuring code and the plugins are imported before any clock starts. An
+    error of these imports is left to the cells' rows."""
     _settings.update(settings)
     _settings["output"] = os.dup(2)  # the file that the parent reads; C code prints into it, too
     _own_streams()

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from mechanics import OfEntropies
+from tiers import tiers
 
 from tcbench import Scenario, TcbenchError
 from tcbench.authoring import check
@@ -171,7 +172,7 @@ MATRICES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", MATRICES)
+@pytest.mark.parametrize("fault", tiers(MATRICES, ("not symmetric", "of another shape")))
 def test_matrices_are_asked_before_they_are_projected(fault):
     """Projected, each of these keeps both laws and is another system."""
     name, wrong, claim = MATRICES[fault]
@@ -265,16 +266,16 @@ def test_what_does_not_move_and_what_nothing_reads_is_told():
     assert line.verdict == check.OK and "none reads eta" in line.found
 
 
-@pytest.mark.parametrize(
-    "term, verdict, told",
-    [
-        (lambda x: abs(x), check.NONE, "slope by q1 jumps from"),
-        (lambda x: np.sqrt((x - 0.2) ** 2), check.NONE, "slope by q1 jumps from"),
-        (lambda x: x / abs(x) / 5, check.FAIL, r"its value jumps from"),
-        (lambda x: (abs(x) + x) ** 2, check.OK, "no jump"),
-        (lambda x: np.tanh(100 * x), check.OK, "no jump"),
-    ],
-)
+JUMPS = [
+    (lambda x: abs(x), check.NONE, "slope by q1 jumps from"),
+    (lambda x: x / abs(x) / 5, check.FAIL, "its value jumps from"),
+    (lambda x: np.tanh(100 * x), check.OK, "no jump"),
+    (lambda x: np.sqrt((x - 0.2) ** 2), check.NONE, "slope by q1 jumps from"),
+    (lambda x: (abs(x) + x) ** 2, check.OK, "no jump"),
+]
+
+
+@pytest.mark.parametrize(("term", "verdict", "told"), tiers(JUMPS, JUMPS[:3]))
 def test_jumps_are_told_with_the_line(term, verdict, told):
     kind = type("Jumps", (Right,), {"energy": lambda self, z: Right.energy(self, z) + term(z.q[1] + 0.1)})
     *_, line = lines_of(kind, only=["smooth"])
@@ -282,9 +283,13 @@ def test_jumps_are_told_with_the_line(term, verdict, told):
     assert ("test_check_systems.py, line" in line.found) == (verdict != check.OK)
 
 
-def test_a_check_ends_where_few_random_states_are_admissible_or_none():
+def test_a_check_ends_where_no_random_state_is_admissible():
     """It looked for them without end."""
     cold = type("Cold", (Right,), {"temperature": lambda self, z, dE, dS: -dE.s})
     assert [*failed(cold)] == ["positive"] and lines_of(cold)[-1].check == "the rest"
+
+
+@pytest.mark.thorough
+def test_a_check_ends_where_few_random_states_are_admissible():
     narrow = type("Narrow", (Right,), {"measures": lambda self, z: 1e-5 - (self.energy(z) - 2) ** 2})
     assert failed(narrow) == {}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tiers import tiers
 
 from tcbench import Scenario, System, scenarios
 from tcbench.authoring import check, geometry
@@ -31,15 +32,15 @@ def beyond_two(self, z, dE, dS):
     return {"p": -force, "s": force @ dE.p / dE.s * (1 + abs(z.q[0] - 2) + z.q[0] - 2)}
 
 
-@pytest.mark.parametrize(
-    "name, wrong, claim",
-    [
-        ("reversible", velocity, "reversible keeps energy"),
-        ("irreversible", heat_of_momenta, "irreversible never lowers entropy"),
-        ("irreversible", heat_of_momenta_twice, "irreversible keeps energy"),
-        ("irreversible", beyond_two, "far out"),
-    ],
-)
+NEAR_ONLY = [
+    ("reversible", velocity, "reversible keeps energy"),
+    ("irreversible", beyond_two, "far out"),
+    ("irreversible", heat_of_momenta, "irreversible never lowers entropy"),
+    ("irreversible", heat_of_momenta_twice, "irreversible keeps energy"),
+]
+
+
+@pytest.mark.parametrize(("name", "wrong", "claim"), tiers(NEAR_ONLY, NEAR_ONLY[:2]))
 def test_what_holds_at_true_gradients_near_the_start_only_is_found(name, wrong, claim):
     """dE.p is p there, and discrete gradients that know that p^2 is quadratic keep it so; Gonzalez's does not."""
     failed = told(type("Wrong", (Right,), {name: wrong}), check.FAIL)
@@ -88,7 +89,7 @@ NOT_OF_THE_THEORY = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", NOT_OF_THE_THEORY)
+@pytest.mark.parametrize("fault", tiers(NOT_OF_THE_THEORY, ("Jacobi", "not symmetric", "falls")))
 def test_what_the_laws_do_not_need_is_told_and_does_not_fail(fault):
     kind, formulas, name, words = NOT_OF_THE_THEORY[fault]
     wrong = type("Wrong", (kind,), formulas)

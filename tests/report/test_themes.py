@@ -7,6 +7,7 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
+from tiers import tiers
 
 import tcbench
 from tcbench import TcbenchError
@@ -79,12 +80,10 @@ def test_no_type_is_larger_or_smaller_than_what_was_asked_for_implies(kind):
         assert drawn[1] == pytest.approx([2 * value for value in drawn[0]])
 
 
-FIRST = ("conservation", "stable-step")  # a legend and rows; each is drawn at up to five sizes of type
+FIRST = ("stable-step",)  # each is drawn at up to five sizes of type
 
 
-@pytest.mark.parametrize(
-    "kind", [k if k in FIRST else pytest.param(k, marks=pytest.mark.thorough) for k in KINDS_OF_TEST]
-)
+@pytest.mark.parametrize("kind", tiers(KINDS_OF_TEST, FIRST))
 def test_every_kind_of_chart_fits_the_column_of_a_journal(kind):
     figure = tcbench.draw(kind, TABLES, size="8.5x6cm")
     figure.canvas.draw()
@@ -144,6 +143,7 @@ def test_a_picture_for_a_paper_from_the_command_line(tmp_path, monkeypatch):
         assert done.exit_code == 2 and message in done.output and not (tmp_path / "b.svg").exists()
 
 
+@pytest.mark.thorough
 def test_titles_of_narrow_panels_are_broken_into_lines_and_not_cut():
     figure = tcbench.draw("laws", TABLES, size=(3.35, 3.6), font_size=7)
     figure.canvas.draw()

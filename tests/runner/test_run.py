@@ -44,6 +44,7 @@ def test_every_column_of_the_conservation_table_is_there(tmp_path):
     assert row["scenario_hash"] == tcbench.scenarios()["short_term"].hash
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("here")
 def test_solvers_that_choose_their_steps_are_told_apart_and_what_they_do_not_count_is_unknown(tmp_path):
     methods = ["scipy_odeint", "tc_gauss_adaptive", "tc_gauss", "verlet_heat"]

@@ -207,7 +207,7 @@ def children(pid: int) -> set[int]:
             command = (path.parent / "cmdline").read_bytes()
         except OSError:
             continue
-        if int(fields[1]) == pid and fields[0] != "Z" and b"runner.child" in command:
+        if int(fields[1]) == pid and fields[0] != "Z" and b"runner.worker" in command:
             found.add(int(path.parent.name))
     return found
 

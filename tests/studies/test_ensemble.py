@@ -178,6 +178,7 @@ def test_references_say_how_far_they_may_be_and_what_chaos_leaves_of_doubles(tim
     assert ensemble_tables.gap(run.z[-1], good.state) < 1e4 * good.floor
 
 
+@pytest.mark.thorough
 def test_a_scenario_too_stiff_for_series_has_a_reference_and_one_without_is_left_out(monkeypatch):
     from tcbench.reference import lookup, pairs
 

@@ -52,6 +52,7 @@ def test_certified_trajectory_approaches_from_below():
     assert gap[-1] < 1e-4
 
 
+@pytest.mark.thorough
 def test_printed_data_have_only_a_distant_equilibrium():
     """The paper sees a relative equilibrium by t = 1500; S = 2.8034 there, and 3.0031 at the exact one, where a spring
     is 3e5 natural lengths long. (The four equations, solved by their own root finder, gave these digits.)"""
