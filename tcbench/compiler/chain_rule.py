@@ -30,6 +30,7 @@ from .divided_differences import Corners, rectangle
 from .kinks import argument_of_sign, slope_of_sign
 
 ZERO, ONE = const(0.0), const(1.0)
+MANY = 4.0  # a node of a higher degree may be so much smaller at its end that start + increment has lost its digits
 
 
 def gradient(output: Symbol, inputs: Sequence[Symbol]) -> list[Symbol]:
@@ -50,6 +51,7 @@ def discrete_gradient(
     moving = depends_on([output], inputs)
     edges = {x.number: Edge(a, d) for x, a, d in zip(inputs, start, step, strict=True)}
     slopes: dict[int, tuple[Symbol, ...]] = {}
+    degrees = {x.number: 1.0 for x in inputs}
     for node in topological([output]):
         if node.number in edges:
             continue
@@ -58,28 +60,46 @@ def discrete_gradient(
             continue
         ends = [edges[a.number] for a in node.args]
         value = rebuild(node.op, tuple(edge.value for edge in ends), node.value)
+        degrees[node.number] = _degree(node, [degrees.get(a.number, 0.0) for a in node.args])
+        grows = degrees[node.number] > MANY
+        at_end = rebuild(node.op, tuple(edge.end for edge in ends), node.value) if grows else None
         if node.op in arrays.LINEAR:
-            edges[node.number] = Edge(value, rebuild(node.op, tuple(edge.step for edge in ends), node.value))
+            edges[node.number] = Edge(value, rebuild(node.op, tuple(edge.step for edge in ends), node.value), at_end)
             continue
         slopes[node.number] = along = divided_differences(node, ends, value)
         change = ZERO
         for edge, slope in zip(ends, along, strict=True):
             change = change + slope * edge.step
-        edges[node.number] = Edge(value, change)
+        edges[node.number] = Edge(value, change, at_end)
     by = _backwards(output, inputs, lambda node: slopes[node.number])
     return [by.get(x.number, ZERO) for x in inputs]
 
 
+def _degree(node: Symbol, of: Sequence[float]) -> float:
+    """How fast a node may grow with the inputs, as a polynomial of this degree: infinity for exponentials."""
+    if node.op == "mul":
+        return sum(of)
+    if node.op == "pow":
+        return abs(node.args[1].value) * of[0] if is_const(node.args[1]) else math.inf
+    if node.op in ("exp", "expm1", "sinh", "cosh", "tan"):
+        return math.inf
+    if node.op in ("log", "log1p", "sin", "cos", "tanh", "atan", "atan2"):
+        return 1.0
+    return max(of) / 2.0 if node.op == "sqrt" else max(of)
+
+
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """The values of a node at both ends: one of them, and the increment, which keeps its digits."""
+    """The values of a node at both ends: one of them, and the increment, which keeps its digits. Of a node that may
+    have grown or shrunk by orders of magnitude the other value, too: start + increment is not what is left of it."""
 
     value: Symbol
     step: Symbol
+    at_end: Symbol | None = None
 
     @property
     def end(self) -> Symbol:
-        return self.value + self.step
+        return self.value + self.step if self.at_end is None else self.at_end
 
     @property
     def middle(self) -> Symbol:
@@ -94,7 +114,7 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
     if op == "mul":
         of = argument_of_sign(node)
         if of is None:
-            return edges[1].middle, x.middle
+            return _of_product(x, edges[1])
         first = node.args[0] is of
         jump = slope_of_sign((own := edges[not first]).value, own.end)
         return (jump, ZERO) if first else (ZERO, jump)
@@ -104,7 +124,10 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         y = edges[1]
         power = y.value.value if is_const(y.value) else math.inf
         if math.isfinite(power) and (power > 1.0 or power % 1 == 0) and not x.value.positive:
-            return (rectangle(x.value, x.step, ZERO, ZERO)[0] ** power).pi_at_s0, ZERO
+            if power > 0.0 or x.at_end is None:
+                return (rectangle(x.value, x.step, ZERO, ZERO)[0] ** power).pi_at_s0, ZERO
+            by = -reciprocal(x.value * x.end)
+            return by * (rectangle(reciprocal(x.value), by * x.step, ZERO, ZERO)[0] ** -power).pi_at_s0, ZERO
         of_log = _of_function("log", x)
         log = Edge(x.value.log(), of_log * x.step)
         by_base, by_exponent = y.middle * of_log, log.middle
@@ -120,8 +143,27 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
     return (_of_function(op, x),)
 
 
+def _of_product(a: Edge, b: Edge) -> tuple[Symbol, Symbol]:
+    """Of a b: the midpoints of the other; where one may grow as the other shrinks f/b = a's own: 2 b b1/(b + b1) by a
+    and (a b + a1 b1)/(b + b1) by b of one sign, whose products with the increments are no larger than a b itself."""
+    for x, y in ((a, b), (b, a)):
+        if x.at_end is not None and y.at_end is not None and (y.value.positive or y.value.op == "recip"):
+            below = reciprocal(y.value + y.end + ops.TINIER)
+            found = 2.0 * y.value * (y.end * below), (x.value * y.value + x.end * y.end) * below
+            return found if y is b else found[::-1]
+    return b.middle, a.middle
+
+
 def _of_function(op: str, x: Edge) -> Symbol:
     """Of an elementary function of one argument, by the rules of `divided_differences`."""
+    if op == "log" and x.at_end is not None:
+        return reciprocal(x.value * ONE.make("phi", x.at_end.log() - x.value.log()))
+    if op == "log1p" and x.at_end is not None:
+        return reciprocal((x.value + 1.0) * ONE.make("phi", x.at_end.log1p() - x.value.log1p()))
+    rule = ops.OPERATIONS[op].difference if op in ops.OPERATIONS else None
+    if x.at_end is not None and callable(rule) and ops.OPERATIONS[op].arguments == 1:
+        of_end: Symbol = rule(x.value, x.at_end, x.step)
+        return of_end
     along, _ = rectangle(x.value, x.step, ZERO, ZERO)
     row = ops.OPERATIONS.get(op)
     corners: Corners = getattr(along, row.numpy if row else op)()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .choices import CHOICES
+from .choices import CHOICES, boxed
 from .choices import KINKED as KINKED
 from .ops import TINY
 from .symbols import Symbol, add, const, is_const, make, mul, neg, reciprocal
@@ -53,7 +53,7 @@ def slope_of_sign(start: Symbol, end: Symbol) -> Symbol:
 
 def greater(x: Any, y: Any) -> Any:
     """x > y, and likewise x >= y: 0 or 1, and 1/2 where they are equal."""
-    return 0.5 * (1.0 + sign(_symbol(x) - _symbol(y)))
+    return _truth(0.5 * (1.0 + sign(_symbol(x) - _symbol(y))))
 
 
 def less(x: Any, y: Any) -> Any:
@@ -81,7 +81,29 @@ def where(condition: Any, *sides: Any) -> Any:
     if len(sides) != 2:
         raise refused("np.where without two values asks for places", "Write np.where(x > 0, a, b)")
     a, b = sides
-    return condition * (a - b) + b
+    return asked(condition) * (a - b) + b
+
+
+def asked(condition: Any) -> Any:
+    """A condition made of comparisons. Of a number numpy asks whether it is 0, which a symbol does not know."""
+    if isinstance(condition, Real | bool | np.ndarray) and np.asarray(condition).dtype != object:
+        return np.asarray(condition) != 0
+    if not all(map(_is_truth, np.ravel(boxed(getattr(condition, "parts", condition))))):
+        raise refused("a condition is a number", "Write a comparison, as in np.where(x > 0, a, b)")
+    return condition
+
+
+def _is_truth(x: Any) -> bool:
+    """0 or 1 (1/2 where both are equal): a comparison, or several joined."""
+    if not isinstance(x, Symbol) or is_const(x):
+        return not isinstance(x, Symbol | Real) or getattr(x, "value", x) in (0.0, 0.5, 1.0)
+    return x.truth or (x.op == "mul" and all(map(_is_truth, x.args)))
+
+
+def _truth(x: Any) -> Any:
+    if isinstance(x, Symbol):
+        x.truth = True
+    return x
 
 
 def clip(x: Any, least: Any = None, most: Any = None, **bounds: Any) -> Any:
@@ -90,13 +112,24 @@ def clip(x: Any, least: Any = None, most: Any = None, **bounds: Any) -> Any:
     return x if most is None else np.minimum(x, most)
 
 
+def _both(a: Any, b: Any) -> Any:
+    return _truth(asked(a) * asked(b))
+
+
+def _either(a: Any, b: Any) -> Any:
+    return _truth(asked(a) + asked(b) - a * b)
+
+
+def _other(a: Any) -> Any:
+    return _truth(1.0 - asked(a))
+
+
 KINKED |= {  # of entries, in the place of numpy's
     np.maximum: maximum, np.minimum: minimum, np.fmax: maximum, np.fmin: minimum, np.sign: sign,
     np.greater: greater, np.greater_equal: greater, np.less: less, np.less_equal: less,
     np.equal: _equal, np.not_equal: _equal,
-    np.logical_and: lambda a, b: a * b, np.bitwise_and: lambda a, b: a * b,
-    np.logical_or: lambda a, b: a + b - a * b, np.bitwise_or: lambda a, b: a + b - a * b,
-    np.logical_not: lambda a: 1.0 - a, np.invert: lambda a: 1.0 - a,
+    np.logical_and: _both, np.bitwise_and: _both, np.logical_or: _either, np.bitwise_or: _either,
+    np.logical_not: _other, np.invert: _other,
 }  # fmt: skip
 
 

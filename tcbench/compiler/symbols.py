@@ -82,14 +82,15 @@ def _lifted(_: Symbol, other: Number) -> Symbol:
 class Symbol(Choosing):
     """One value of the expression graph; behaves as a number in numpy object arrays."""
 
-    __slots__ = ("__weakref__", "args", "number", "op", "positive", "space", "value")
+    __slots__ = ("__weakref__", "args", "number", "op", "positive", "space", "truth", "value")
     positive: bool  # known to be: what an author says is, and what is made of such
+    truth: bool  # a comparison, or several joined
     space: str  # of what it stands for an array of all: see `arrays`; "" of a number
 
     def __init__(self, op: str, args: tuple[Symbol, ...], value: Any) -> None:
         self.op, self.args, self.value = op, args, value
         self.number = next(_COUNTER)  # order of creation: a topological order
-        self.space = ""
+        self.space, self.truth = "", False
         self.positive = _is_positive(op, args, value)
 
     def __repr__(self) -> str:

@@ -95,3 +95,42 @@ BRANCHES = [lambda x: x if x > 0 else -x, lambda x: max(x, 0.0), lambda x: x // 
 def test_what_is_no_arithmetic_is_said(function):
     with pytest.raises(TraceError, match="There are rules for"):
         divided_difference(function, 1.0, 2.0)
+
+
+STEEP = {
+    "sigmoid": lambda x, e, l: 1 / (1 + e(-60 * x)),
+    "its quotient": lambda x, e, l: e(60 * x) / (1 + e(60 * x)),
+    "softplus": lambda x, e, l: l(1 + e(-60 * x)),
+    "log-sum-exp": lambda x, e, l: l(e(-60 * x) + 2 * e(60 * x)),
+    "tanh written out": lambda x, e, l: (e(60 * x) - e(-60 * x)) / (e(60 * x) + e(-60 * x)),
+    "Bose": lambda x, e, l: x / (e(60 * (x + 1)) - 1),
+    "its energy": lambda x, e, l: (2 * e(-40 * x) + 3 * e(-90 * x)) / (1 + e(-40 * x) + e(-90 * x)),
+    "a power": lambda x, e, l: (1 + e(40 * x)) ** -2.5,
+    "a whole one": lambda x, e, l: (1 + e(40 * x)) ** -3,
+    "a root": lambda x, e, l: 1 / (1 + e(70 * x)) ** 0.5,
+    "a product": lambda x, e, l: e(50 * x) * e(-45 * x),
+    "a pole far away": lambda x, e, l: 1 / (1 + (x + 1) ** 40 * 9.0**40),
+    "a base": lambda x, e, l: (1 + e(30 * x)) ** (x - 2),
+    "polynomials": lambda x, e, l: (1 + 1e9 * (x + 1) ** 8) / (1 + 1e9 * (x + 1) ** 6),
+}
+
+
+@pytest.mark.parametrize("name", STEEP)
+@pytest.mark.parametrize("a, b", [(-0.6, 0.4), (0.4, -0.6), (-0.97, -0.9), (0.2, 0.2 + 1e-9), (0.01, 0.01)])
+def test_what_grows_by_many_orders_within_a_quotient_keeps_the_digits_of_its_discrete_gradient(name, a, b):
+    """A smooth step 1/(1 + exp(-60 x)): tc_monolithic lost 0.4 of the energy across it, with status ok."""
+    mp = pytest.importorskip("mpmath")
+    (x, start, step) = inputs = variables("x", 3)
+    slope = discrete_gradient(STEEP[name](x, np.exp, np.log), [x], [start], [step])
+    by = jacobian(slope, [start, step])[0]
+    found = kernel({s: f"a[{i}]" for i, s in enumerate(inputs)}, [*slope, *by])(np.array([0.0, a, b - a]), np.zeros(1))
+    with mp.workdps(150):
+        p, d, h = mp.mpf(a), mp.mpf(b - a) if a != b else mp.mpf(10) ** -60, mp.mpf(10) ** -75
+
+        def exact(p, d):
+            return (STEEP[name](p + d, mp.exp, mp.log) - STEEP[name](p, mp.exp, mp.log)) / d
+
+        slopes = [exact(p, d), (exact(p + h, d) - exact(p - h, d)) / (2 * h), (exact(p, d + h) - exact(p, d - h)) / (2 * h)]
+    assert found[0] == pytest.approx(float(slopes[0]), rel=1e-12, abs=1e-13)
+    if a != b:
+        assert found[1:] == pytest.approx([*map(float, slopes[1:])], rel=1e-8, abs=1e-8)

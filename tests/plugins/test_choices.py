@@ -159,3 +159,40 @@ def test_walls_of_any_power_are_met_from_their_flat_side(p):
     for _ in range(40):
         states.append(step(states[-1], 0.01))
     assert states[-1][0] == pytest.approx(0.4, rel=1e-12)
+
+
+@pytest.mark.parametrize("condition", [
+    lambda q, c: q, lambda q, c: np.sin(q), lambda q, c: q - 0.3, lambda q, c: np.logical_and(q, q > 0),
+    lambda q, c: np.logical_or(q > 0, q), lambda q, c: ~q, lambda q, c: (q > 0) + (q > 1), lambda q, c: c,
+    lambda q, c: 1 - (q > 0) * q, lambda q, c: np.maximum(q, 0.0),
+])  # fmt: skip
+def test_a_number_is_no_condition(condition):
+    """np.where(q, a, b) was q (a - b) + b, where numpy asks whether q is 0."""
+
+    class Asked(Mechanical):
+        name = "asked"
+        constants = {"c": ()}
+
+        def energy(self, z):
+            return z.p**2 / 2 + np.where(condition(z.q, self.c), z.q**2, 1.0) + z.s
+
+    with pytest.raises(TcbenchError, match=r"a condition is a number. Write a comparison"):
+        Asked(c=2.0).gradient(np.zeros(3))
+
+
+@pytest.mark.parametrize("condition", [
+    lambda q: q > 0, lambda q: ~(q > 0), lambda q: (q > 0) * (q < 1), lambda q: (q > 0) & ~((q > 2) | (q < 1)),
+    lambda q: np.logical_not(np.logical_or(q > 0.5, -q > 0.5)), lambda q: 2, lambda q: np.array(3.0), lambda q: True,
+    lambda q: np.bool_(False), lambda q: 0.0, lambda q: (q > 0) & True,
+])  # fmt: skip
+def test_comparisons_joined_are_conditions(condition):
+    class Asked(Mechanical):
+        name = "asked"
+
+        def energy(self, z):
+            return z.p**2 / 2 + np.where(condition(z.q), z.q**2, 1.0 - z.q) + z.s
+
+    system = Asked()
+    for q in (-0.7, 0.3, 0.8, 1.4, 2.5):
+        slope = 2 * q if condition(np.float64(q)) else -1.0
+        assert system.gradient(np.array([q, 0.0, 0.0]))[0] == pytest.approx(slope), q
