@@ -130,7 +130,11 @@ def test_what_grows_by_many_orders_within_a_quotient_keeps_the_digits_of_its_dis
         def exact(p, d):
             return (STEEP[name](p + d, mp.exp, mp.log) - STEEP[name](p, mp.exp, mp.log)) / d
 
-        slopes = [exact(p, d), (exact(p + h, d) - exact(p - h, d)) / (2 * h), (exact(p, d + h) - exact(p, d - h)) / (2 * h)]
+        slopes = [
+            exact(p, d),
+            (exact(p + h, d) - exact(p - h, d)) / (2 * h),
+            (exact(p, d + h) - exact(p, d - h)) / (2 * h),
+        ]
     assert found[0] == pytest.approx(float(slopes[0]), rel=1e-12, abs=1e-13)
     if a != b:
         assert found[1:] == pytest.approx([*map(float, slopes[1:])], rel=1e-8, abs=1e-8)
