@@ -28,13 +28,13 @@ from .traced import derived
 if TYPE_CHECKING:
     from .system import System
 
-Returned = Callable[["System", Any, str], Any]  # (system, what a formula returned, where it is written)
-# by formula the hashes of classes of which it has been seen that it is the same when it is called again
+Check = Callable[["System", Any, str], Any]  # (system, the value of a formula, where it is written) -> the value
+# by formula, the hashes of classes in which it has been seen to give the same when it is called again
 _REPEATED: WeakKeyDictionary[Callable[..., Any], set[str]] = WeakKeyDictionary()
 
 
 def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
-    """An author's formula on arrays: its arguments get their names, and the rates that it names become a vector."""
+    """An author's formula as a function of vectors: its arguments get names, and named rates become a vector."""
     returned = RETURNED[name]
 
     @wraps(formula)
@@ -64,15 +64,15 @@ def as_written(formula: Callable[..., Any], name: str) -> Callable[..., Any]:
             _REPEATED.setdefault(formula, set()).add(self.formulas)
         return returned(self, value, where)
 
-    body.__name__ = name  # whatever the author's function is called: kernels are known by it
+    body.__name__ = name  # kernels are found by it, whatever the author's function is called
     return body
 
 
 @cached
 def check_repeats(model: System) -> None:
-    """TcbenchError where a formula is not the same when it is called again: solvers of their own would make rows of it.
+    """TcbenchError where a formula does not give the same when it is called again.
 
-    model : the one that has symbols for constants.
+    model : the symbolic system. Methods that trace formulas see to it themselves; solvers in Python would go on.
     """
     if model.large:
         return
@@ -85,7 +85,7 @@ def check_repeats(model: System) -> None:
 
 
 def _read_only(self: System, values: Any) -> Any:
-    """A formula that writes to its arguments changes what the method put in."""
+    """The state, read-only: a formula that wrote to it would change the method's own array."""
     state = self.state(values)
     if not is_array(state):
         state.setflags(write=False)
@@ -93,7 +93,7 @@ def _read_only(self: System, values: Any) -> Any:
 
 
 def place(formula: Callable[..., Any], error: Exception | None = None) -> str:
-    """File and line of what an author wrote, as deep in its file as the error goes."""
+    """File and line of an author's function; of an error the deepest line in that file."""
     code: Any = getattr(inspect.unwrap(formula), "__code__", None)
     name, line = getattr(code, "co_filename", "?"), getattr(code, "co_firstlineno", 0)
     for frame in traceback.extract_tb(error.__traceback__) if error else ():
@@ -115,7 +115,7 @@ def _number(self: System, value: Any, where: str) -> Any:
 
 
 def _rates(self: System, named: Any, where: str) -> Any:
-    if isinstance(named, (State, Blocks)):  # made of what super() gives
+    if isinstance(named, (State, Blocks)):  # the sum of super()'s rates and others
         named = {name: getattr(named, name) for name in self.variables}
     example = next(iter(self.variables), "q")
     named = _named(named, where, f"rates by the name of their variable, {{{example!r}: ...}}")
@@ -135,7 +135,7 @@ def _rates(self: System, named: Any, where: str) -> Any:
 
 
 def _array_rates(self: System, rates: Mapping[str, Any], where: str) -> Blocks:
-    """The same on arrays."""
+    """The rates as a state of arrays over spaces."""
     z = self.fresh_state("z")
     likes = {name: getattr(z, name) for name in self.variables}
     for name, value in rates.items():
@@ -181,14 +181,14 @@ def _as_it_is(self: System, value: Any, where: str) -> Any:
 
 
 def derive(cls: type, base: type, names: Sequence[str]) -> None:
-    """The author's formulas become functions that are traced and checked, in the class where each of them stands."""
+    """Replace the author's formulas by functions that trace and check them, in the class that defines each."""
     for name in names:
         if not hasattr(formula := getattr(cls, name), "is_derived"):
             own = next(kind for kind in cls.__mro__ if name in kind.__dict__)
             setattr(own if issubclass(own, base) else cls, name, derived(as_written(formula, name)))
 
 
-RETURNED: Mapping[str, Returned] = {  # what each formula owes
+RETURNED: Mapping[str, Check] = {  # by formula, the check of its value
     "energy": _number, "entropy": _number, "reversible": _rates, "irreversible": _rates,
     "poisson": _matrix, "friction": _matrix, "invariants": _numbers_by_name, "temperature": _numbers,
     "measures": _numbers, "points": _as_it_is, "constraints": named_constraints,  # of which systems.plane asks more

@@ -1,4 +1,4 @@
-"""`Canonical`: systems of positions q, momenta p and entropies s, what most continua are made of."""
+"""`Canonical`: systems of positions q, momenta p and entropies s, as most continua are."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Canonical(System):
 
 
 def conduction(theta: Any, pairs: Any, conductance: Any) -> Any:
-    """Rates of entropies, shape (n,), by heat that flows between pairs of what has the temperatures theta (n,).
+    """Rates of entropies, shape (n,), by heat that flows between pairs of bodies; theta . rates is 0.
 
-    pairs: a table (m, 2) of two of them each; conductance: a number or shape (m,), heat over time and difference of
-    temperatures. theta . rates is 0. Source: Romero (2009), eq. (22).
+    theta : temperatures, shape (n,). pairs : table (m, 2) of bodies. conductance : a number or shape (m,), heat over
+    time and difference of temperatures. Source: Romero (2009), eq. (22).
     """
     a, b = theta[pairs].T
     return pairs.sums(np.stack([conductance * ((b - a) / a), conductance * ((a - b) / b)], axis=1))

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from ..integrator import Integrator
     from .system import System
 
-MOST_REDUCED = 240  # numbers of a state, up to which the ODE under constraints is traced: 5 s for 30 rigid rods
+MOST_REDUCED = 240  # length of a state up to which the ODE under constraints is traced: 5 s for 30 rigid rods
 MOST_LAWFUL = 100  # the same of methods that keep the constraints as laws: 70 numbers take 18 s
 REDUCED = "constraints"  # tag of methods that keep the constraints as laws, most on this ODE: see solver.mending
-SAMPLES, SYMMETRIC = 2, 1e-12  # random states at which a matrix is looked at, and what of it is round-off
-NONE_AT_ZERO = 1e-32  # beside h^4: what is left of a constraint is made up for at h > 0 only
+SAMPLES, SYMMETRIC = 2, 1e-12  # random states at which symmetry is tested, and its relative round-off
+NONE_AT_ZERO = 1e-32  # added to h^4, so that a residual of a constraint is corrected at h > 0 only
 
 
 def check_multipliers(cls: Any) -> None:
@@ -55,7 +55,7 @@ def check_multipliers(cls: Any) -> None:
 
 
 def named_constraints(system: System, values: Any, where: str) -> Any:
-    """What constraints() returned, if it is one array or number for each multiplier."""
+    """The value of constraints(), checked: one array or number by the name of each multiplier, else TcbenchError."""
     if not isinstance(values, Mapping) or not set(values) <= set(system.multipliers):  # that of a base class has fewer
         wanted = ", ".join(f"{name!r}: ..." for name in system.multipliers)
         raise TcbenchError(f"{where} returns what has to be 0 by the name of its multiplier, {{{wanted}}}.")
@@ -73,7 +73,7 @@ def named_constraints(system: System, values: Any, where: str) -> Any:
 
 
 def check_positions(system: System) -> None:
-    """TcbenchError where constraints read what their own force moves: the multipliers would not follow from d2g/dt2."""
+    """TcbenchError where constraints read what their own force changes at once: d2g/dt2 would not give multipliers."""
     net = system.by_arrays if system.large else system.symbolic
     with trace.tracing():
         x, dE, dS = (net.unknowns(name) for name in "xab")
@@ -82,9 +82,9 @@ def check_positions(system: System) -> None:
         rates = entries(net.reversible(x, dE, dS) + net.irreversible(x, dE, dS))
         read = [i for i, slope in enumerate(slopes) if not trace.is_const(slope, 0.0)]
         moved = [trace.lifted(rates[i]) for i in read]
-        felt = trace.depends_on(moved, [entries(dE)[i] for i in read])
+        feels_force = trace.depends_on(moved, [entries(dE)[i] for i in read])
     of = [name for name, block in zip(net.variables, blocks_of(net, x), strict=True) for _ in entries(block)]
-    names = [of[i] for i, rate in zip(read, moved, strict=True) if rate.number in felt]
+    names = [of[i] for i, rate in zip(read, moved, strict=True) if rate.number in feels_force]
     if names:
         raise TcbenchError(
             f"System {system.name!r}: constraints(z) reads {names[0]}, which moves with the constraint's own force: "
@@ -93,7 +93,7 @@ def check_positions(system: System) -> None:
 
 
 def excluded(system: System, method: Integrator) -> str:
-    """Why a method cannot run under constraints, "" where it can."""
+    """Why a method cannot run on a system with constraints; "" where it can."""
     if REDUCED in method.tags:
         if system.size <= MOST_LAWFUL:
             return ""
@@ -118,7 +118,7 @@ def excluded(system: System, method: Integrator) -> str:
 
 
 def conditions(system: System, z: Any) -> list[Any]:
-    """g(z), one array or number a multiplier."""
+    """g(z), an array or number of each multiplier, in declared order."""
     values = system.constraints(system.state(z))
     if missing := [name for name in system.multipliers if name not in values]:
         raise TcbenchError(
@@ -128,7 +128,7 @@ def conditions(system: System, z: Any) -> list[Any]:
 
 
 def symbols_like(g: Sequence[Any], name: str) -> list[Any]:
-    """New symbols, one for each constraint."""
+    """New symbols in the shapes of the constraints g."""
     return [refilled(x, [variable(name, y.space) if isinstance(y, Symbol) else variable(name, "") for y in entries(x)])
             for x in map(_lifted, g)]  # fmt: skip
 
@@ -138,12 +138,12 @@ def _lifted(x: Any) -> Any:
 
 
 def paired(lam: Sequence[Any], g: Sequence[Any]) -> Symbol:
-    """lam . g"""
+    """lam . g, one number."""
     return summed(products(entries(*lam), entries(*map(_lifted, g))))
 
 
 def pulled(system: Any, lam: Sequence[Any]) -> Any:
-    """The system as formulas of methods see it: slopes of its energy are those of E + lam . g."""
+    """A view of the system for formulas of methods: slopes of its energy are those of E + lam . g."""
     view = object.__new__(type(system))
     view.__dict__.update({k: v for k, v in system.__dict__.items() if k != "symbolic"})
     view.__dict__["pull"] = list(lam)
@@ -157,9 +157,10 @@ def pulled(system: Any, lam: Sequence[Any]) -> Any:
 def closed(
     system: Any, view: Any, y0: Any, d: Sequence[Symbol], h: Symbol, rows: Sequence[Symbol], name: str
 ) -> tuple[list[Symbol], list[Symbol]]:
-    """The rows of a step with impulses in the place of multipliers, theirs behind; and the impulses.
+    """(rows, impulses): the equations of a step under constraints, with impulses h lam in the place of multipliers.
 
-    rows: of the author's formula on `view`, one for each of the increments d, d + ... - h F = 0.
+    y0 : the state. d : its increments. rows : equations of the author's formula on `view`, d + ... - h F = 0, one for
+    each of d. The equations of the impulses follow. TraceError for formulas that are not linear in the multipliers.
     """
     lam = entries(*view.pull)
     dy = refilled(y0, list(d))
@@ -176,7 +177,7 @@ def closed(
         )
     reads = any(not trace.is_const(x, 0.0) for x in by_impulse)
     DS = system.discrete_entropy_gradient(y0, y1)
-    if not reads:  # as of M DS alone: what it does to the velocities has to be along the constraint, too
+    if not reads:  # as in M DS alone: the force on the velocities has to be along the constraint, too
         pull = system.reversible(middle, discrete_pull(system, y0, d, blocks), DS)
         by_impulse = [trace.neg(trace.lifted(x)) for x in entries(pull)]
         held = [free[i] + by_impulse[i] for i in range(len(d))]
@@ -194,12 +195,12 @@ def closed(
             f"{name}: constraints(z) may restrict positions only: what they read must not feel their force."
         )
     others = {x: _difference(x, held[i]) for i, x in enumerate(d) if i not in moved}
-    rates = trace.substitute(rates, others)  # as the rows give them: the multipliers appear in their own rows
+    rates = trace.substitute(rates, others)  # by the rows: the multipliers then appear in their own equations
     own = chain_rule.gradient(summed(products(slopes, rates)), entries(*mu))
     own = trace.substitute(own, dict.fromkeys(entries(*mu), const(0.0)))
     if at_once:
         left = entries(*map(_lifted, conditions(system, y0)))
-        square = h * h  # 1/h, but next to h = 0, where it and its slope, which the arc sees, are 0
+        square = h * h  # is 1/h, but 0 with its slope next to h = 0, where arcs begin
         mend = h * square * trace.reciprocal(square * square + NONE_AT_ZERO)
         own = [x + mend * trace.lifted(g) for x, g in zip(own, left, strict=True)]
     return [*held, *(trace.neg(x) for x in own)], impulses
@@ -215,7 +216,7 @@ def _blocks_like(blocks: Sequence[Any], values: Sequence[Symbol]) -> list[Any]:
 
 
 def discrete_pull(system: Any, y0: Any, d: Sequence[Symbol], lam: Sequence[Any]) -> Any:
-    """The discrete gradient of lam . g."""
+    """The discrete gradient of lam . g from y0 to y0 + d, a state."""
     at = system.unknowns("x")
     f = paired(lam, conditions(system, at))
     slopes = chain_rule.discrete_gradient(f, entries(at), [*map(trace.lifted, entries(y0))], list(d))
@@ -223,17 +224,18 @@ def discrete_pull(system: Any, y0: Any, d: Sequence[Symbol], lam: Sequence[Any])
 
 
 def _difference(x: Symbol, row: Symbol) -> Symbol:
-    """x - row, terms that cancel left out."""
+    """x - row without terms that cancel."""
     return cancelled(trace.sub(x, row))
 
 
 def _over(x: Symbol, h: Symbol) -> Symbol:
-    """x/h, of a sum of terms with a factor h."""
+    """x/h, divided term by term where each term of x has a factor h."""
     quotient = _divided(x, h)
     return trace.mul(x, trace.reciprocal(h)) if quotient is None else quotient
 
 
 def _divided(x: Symbol, h: Symbol) -> Symbol | None:
+    """x without a factor h; None where a term of it has none."""
     if trace.is_const(x, 0.0):
         return x
     if x is h:
@@ -257,7 +259,7 @@ def _divided(x: Symbol, h: Symbol) -> Symbol | None:
 
 
 def velocities(system: Any, z: Any) -> list[Any]:
-    """d g/dt along the motion without multipliers, which is that with them: the constraints' velocity form."""
+    """dg/dt at z, in the shapes of g: the constraints' velocity form, which no force of theirs enters."""
     x = system.unknowns("x")
     g = [_lifted(x) for x in conditions(system, x)]
     own = _along(entries(*g), entries(x), entries(system.free_rate(x)))
@@ -266,18 +268,18 @@ def velocities(system: Any, z: Any) -> list[Any]:
 
 
 def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None, marked: bool = False) -> Any:
-    """dz/dt with the multipliers that keep d g/dt = 0: A lam = b, A = {g, dg/dt}, by elimination without pivoting, for
-    -A = G M^-1 G^T is positive definite. Entry by entry, of small systems.
+    """dz/dt, shape (size,), with the multipliers that keep dg/dt = 0, in symbols: of small systems.
 
-    dE, dS: covectors, shape (size,), in the place of the gradients of energy and entropy. marked: multipliers and
-    factors are intermediates, of which series are made once; sparse Jacobians would be accumulated through them."""
+    A lam = b with A = {g, dg/dt} is solved by elimination without pivoting, for -A = G M^-1 G^T is positive definite.
+    dE, dS : covectors, shape (size,), in the place of the gradients of energy and entropy. marked : multipliers and
+    factors are intermediates whose series are made once; sparse Jacobians would be accumulated through them."""
     x = system.unknowns("x")
     here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
     covectors = [system.gradient(x), system.entropy_gradient(x)]
     if dE is not None:
-        told = [system.unknowns(name) for name in ("dE", "dS")]
-        here |= dict(zip(entries(*told), map(trace.lifted, entries(dE, dS)), strict=True))
-        covectors = [system.state(y) for y in told]
+        unknown = [system.unknowns(name) for name in ("dE", "dS")]
+        here |= dict(zip(entries(*unknown), map(trace.lifted, entries(dE, dS)), strict=True))
+        covectors = [system.state(y) for y in unknown]
     dE, dS = covectors
     lam, slopes = _solved(system, x, dE, dS, marked)
     force = [summed(products(lam, column)) for column in zip(*slopes, strict=True)]
@@ -287,7 +289,7 @@ def reduced(system: Any, z: Any, dE: Any = None, dS: Any = None, marked: bool = 
 
 
 def _solved(system: Any, x: Any, dE: Any, dS: Any, marked: bool) -> tuple[list[Symbol], list[list[Symbol]]]:
-    """The multipliers at a state of symbols, and the slopes of their constraints."""
+    """The multipliers, (m,), at a state x of symbols, and the slopes of their constraints, (m, size)."""
     free = entries(system.reversible(x, dE, dS) + system.irreversible(x, dE, dS))
     g = entries(*map(_lifted, conditions(system, x)))
     slopes = [chain_rule.gradient(trace.lifted(f), entries(x)) for f in g]
@@ -301,18 +303,18 @@ def _solved(system: Any, x: Any, dE: Any, dS: Any, marked: bool) -> tuple[list[S
 
 
 def _is_symmetric(A: Sequence[Sequence[Symbol]], inputs: Sequence[Symbol]) -> bool:
-    """As it is in all mechanics, {{g, g}, E} being 0; seen at random numbers."""
+    """Is A (m, m) symmetric at random numbers? It is in all mechanics, where {{g, g}, E} = 0."""
     rng = np.random.default_rng(0)
-    flat = [x for row in A for x in row]
+    symbols = [x for row in A for x in row]
     for _ in range(SAMPLES):
         there = {x: const(v) for x, v in zip(inputs, rng.uniform(0.5, 1.5, len(inputs)), strict=True)}
-        flat_values = [x.value if x.op == "const" else np.nan for x in trace.substitute(flat, there)]
-        values = np.reshape(flat_values, (len(A), -1))
+        numbers = [x.value if x.op == "const" else np.nan for x in trace.substitute(symbols, there)]
+        values = np.reshape(numbers, (len(A), -1))
         if not np.abs(values - values.T).max() <= SYMMETRIC * np.abs(values).max():
             return False
     return True
 
 
 def _along(values: Sequence[Any], x: Sequence[Any], rates: Sequence[Any]) -> list[Symbol]:
-    """The rates of these values where x moves so."""
+    """The rates of these values at the rates of x."""
     return trace.along(list(map(trace.lifted, values)), dict(zip(x, map(trace.lifted, rates), strict=True)))

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 SETTINGS = (
     "name", "t_end", "dt", "initial", "positions", "momenta", "temperatures", "t_converge", "blowup_factor",
 )  # fmt: skip
-COLUMNS = re.compile(  # of tables: what is called so would stand in their place
+COLUMNS = re.compile(  # names of columns of tables, which no variable may have
     r"(t|tolerance|integrator|scenario|status|all|energy(_error)?|entropy(_fall|_produced)?|lyapunov_rise|at_[xy]_\d+)\Z"
 )
-WARM = re.compile(r"(theta\d*|temperature_[a-z])\Z")  # the same of systems with temperatures
+WARM = re.compile(r"(theta\d*|temperature_[a-z])\Z")  # names of columns of systems with temperatures
 OF_ELEMENTS = re.compile(r"(theta\d+|(temperature|strain)_[a-z]|[xyq]_\d+)\Z")
 OTHERS = "something else (of numpy, as T, a setting, or a column of tables, as theta, the temperatures)"
 MATRICES = {"reversible": "poisson", "irreversible": "friction"}  # what may stand in the place of a rate
@@ -29,7 +29,7 @@ ELEMENTS = ("n_positions", "n_elements", "inertia", "shape", "element_energy", "
 
 
 def check_declared(cls: type[System], general: type[System]) -> None:
-    """TcbenchError where a class declares variables or constants that cannot be; or is one of elements."""
+    """TcbenchError for variables or constants that cannot be, and for an `ElementSystem` written as a `System`."""
     base = next(c for c in cls.__mro__ if "written" in c.__dict__)
     own = {n for c in cls.__mro__[: cls.__mro__.index(base)] for n in c.__dict__}
     if old := [name for name in ELEMENTS if name in own and base is general and "energy" not in own]:
@@ -84,7 +84,7 @@ def _is_space(name: Any) -> bool:
 
 
 def _check_spaces(cls: type[System]) -> None:
-    """Constants and tables over spaces, as they are declared."""
+    """TcbenchError for constants or tables over spaces that are declared in another form."""
     shape: Any  # whatever an author wrote
     for name, shape in cls.constants.items():
         if isinstance(shape, tuple) and any(isinstance(n, str) for n in shape):
@@ -101,7 +101,7 @@ def _check_spaces(cls: type[System]) -> None:
 
 
 def is_column(name: str, system: type[System] | System) -> bool:
-    """Have tables a column of this name, as q0 of a variable q of several numbers?"""
+    """Does a table have a column of this name, such as q0 of a variable q of several numbers?"""
     letters, shape = name.rstrip("0123456789"), system.variables.get(name, ())
     if system.defines("temperature") and WARM.match(f"{name}0" if shape else name):
         return True
@@ -115,7 +115,7 @@ def taken(cls: type[System], kind: str, name: str, of: str = "something else") -
 
 
 def named_constant(cls: type[System], what: str, name: str) -> property:
-    """The value of the constant that a class names in the place of a number."""
+    """A property: the value of the constant that a class names in the place of a number."""
     if cls.constants.get(name) != ():
         numbers = ", ".join(n for n, shape in cls.constants.items() if shape == ()) or "none"
         raise TcbenchError(
@@ -125,7 +125,7 @@ def named_constant(cls: type[System], what: str, name: str) -> property:
 
 
 def checked_constant(system: System, name: str, shape: tuple[int, ...], value: Any) -> Any:
-    """The value of a constant, a number or an array."""
+    """The value of a constant as a float or a read-only array; TcbenchError for another shape, sign or kind."""
     try:
         array = real(value)  # not the caller's own, which may change
     except (TypeError, ValueError, OverflowError):
@@ -150,7 +150,7 @@ def whole(shape: tuple[int, ...]) -> str:
 
 
 def finite(system: System, name: str, value: Any) -> float:
-    """A formula's value at a state of numbers."""
+    """The value of a formula as a float; TcbenchError where it is no number."""
     try:
         return float(value)
     except (TypeError, ValueError):

@@ -72,7 +72,7 @@ class ElementSystem(ThermalVariables, System):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        if "shape" in cls.__dict__:  # everything in an element sees the positions through its strain measure only
+        if "shape" in cls.__dict__:  # elements depend on positions through their strain measure only
             shape = cls.__dict__["shape"]
             cls.shape = wraps(shape)(lambda self, q: _mark_like(shape(self, q), q))  # type: ignore[method-assign]
         if "entropies" in cls.__dict__:
@@ -185,7 +185,7 @@ class ElementSystem(ThermalVariables, System):
         return {"positions": (*state.q,), "momenta": (*state.p,), "temperatures": (*self.temperatures(state),)}
 
     def told_in_time(self, z: Any) -> dict[str, Any]:
-        """Log strains, and places in the plane, of springs; positions of others."""
+        """Columns in time of the states z (m, size): log strains and points in the plane of springs, else positions."""
         q, log_strain = np.asarray(z)[:, : self.n_positions], getattr(self, "log_strain", None)
         if log_strain is None:
             return {f"q_{i + 1}": values for i, values in enumerate(q.T)}
@@ -197,8 +197,8 @@ class ElementSystem(ThermalVariables, System):
 
     def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
         z0 = self.state(z0)
-        least_q, least_p, *_ = self.magnitudes
-        reach = 0.3 * max(least_q, float(np.abs(z0.q).max())), 0.5 * max(least_p, float(np.abs(z0.p).max()))
+        q_scale, p_scale, *_ = self.magnitudes
+        reach = 0.3 * max(q_scale, float(np.abs(z0.q).max())), 0.5 * max(p_scale, float(np.abs(z0.p).max()))
         q = z0.q + reach[0] * rng.standard_normal(len(z0.q))
         p = z0.p + reach[1] * rng.standard_normal(len(z0.p))
         theta = np.asarray(self.temperatures(z0)) * np.exp(0.2 * rng.standard_normal(self.n_elements))
@@ -334,7 +334,7 @@ class ElementSystem(ThermalVariables, System):
 
 
 def _mark(values: Any) -> Any:
-    """Accumulate derivatives through these values; a number among symbols, as a rigid element has it, becomes one."""
+    """Mark values, so that derivatives are accumulated through them; numbers among symbols become symbols."""
     if is_array(values):
         return each(lambda x: trace.mark(trace.lifted(x)), values)
     if np.asarray(values).dtype != object:
@@ -343,11 +343,11 @@ def _mark(values: Any) -> Any:
 
 
 def _on_symbols(body: Any) -> Any:
-    """What an author writes, on arrays in which numpy's functions may choose."""
+    """An author's function, on arrays of symbols in which numpy's functions may choose."""
     return wraps(body)(lambda self, *arrays: body(self, *map(symbols, arrays)))
 
 
 def _mark_like(values: Any, q: Any) -> Any:
-    """The same where q is symbols: then rigid elements, all of which have a number, are no exception."""
+    """`_mark` where q is symbols, also where all values are numbers, as those of rigid elements are."""
     of_symbols = not is_array(values) and np.asarray(q).dtype == object
     return _mark(np.asarray(values, dtype=object) if of_symbols else values)

@@ -1,4 +1,4 @@
-"""What the author of a GENERIC system writes: the contract of `System`, with what holds where nothing is written.
+"""The contract of `System`: what its author writes, and the defaults of all that is optional.
 
 energy(z), entropy(z), reversible(z, dE, dS) and irreversible(z, dE, dS), or the matrices poisson(z) and friction(z);
 all else is optional.
@@ -27,11 +27,11 @@ class Formulas(Magnitudes):
     non_negative: ClassVar[tuple[str, ...]] = ()
     reference_temperature: Any = 0.0  # of the exergy; 0: the energy is its own scale
     multipliers: ClassVar[Mapping[str, Any]] = {}  # name -> shape, of holonomic constraints; see constraints()
-    pull: Any = None  # of a view that a formula is traced on: the multipliers
+    pull: Any = None  # the multipliers, of a view on which formulas are traced
     source: ClassVar[str] = ""
     units: ClassVar[Mapping[str, Any]] = {}  # of variables, constants, energy, entropy, time: for `tcbench check`
-    initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario that say where it starts
-    collapsed: ClassVar[str] = "what measures(z) says is not positive"  # of a run that ends for that
+    initial_data: ClassVar[tuple[str, ...]] = ("initial",)  # settings of a Scenario from which `start` computes z0
+    collapsed: ClassVar[str] = "what measures(z) says is not positive"  # cause, where a run ends for that
 
     @derived
     def energy(self, z: Any) -> Any:
@@ -40,22 +40,21 @@ class Formulas(Magnitudes):
 
     @derived
     def entropy(self, z: Any) -> Any:
-        """Total entropy S(z), likewise."""
+        """Total entropy S(z) of a state, z of shape (size,): one number."""
         raise TcbenchError(f"{type(self).__name__} must define entropy(z), a formula of its variables: one number.")
 
     @derived
     def reversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        """L(z) dE, of covectors of shape (size,): rates by the name of their variable, each of its shape; what is
-        not named is 0."""
+        """L(z) dE of a covector dE, shape (size,): rates by the name of their variable, in its shape; others are 0."""
         return self._by_matrix("poisson", z, dE, dS)
 
     @derived
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        """M(z) dS, likewise."""
+        """M(z) dS of a covector dS, shape (size,): rates by name, as of `reversible`."""
         return self._by_matrix("friction", z, dS, dE)
 
     def _by_matrix(self, name: str, z: Any, slopes: Any, others: Any) -> Any:
-        """The author's matrix times the slopes; 0 where there is none."""
+        """The author's matrix, projected, times the slopes (size,); 0 where the author has written none."""
         if getattr(type(self), name) is getattr(Formulas, name):
             return self.state(0.0 * z)
         return self.state(projected(getattr(type(self), name)(self, self.state(z)), *map(np.asarray, (slopes, others))))
@@ -69,11 +68,11 @@ class Formulas(Magnitudes):
         return np.zeros((self.size, self.size))
 
     def invariants(self, z: Any) -> dict[str, Any]:
-        """What else is conserved, a number by name; none by default."""
+        """Conserved quantities besides the energy, numbers by name; none by default."""
         return {}
 
     def constraints(self, z: Any) -> dict[str, Any]:
-        """What has to be 0, by the name of its multiplier; none by default. The energy is written without them."""
+        """g(z), which has to be 0, by the name of its multiplier; none by default. The energy is written without it."""
         return {}
 
     def temperature(self, z: Any, dE: Any, dS: Any) -> Any:
@@ -82,7 +81,7 @@ class Formulas(Magnitudes):
         return []
 
     def measures(self, z: Any) -> Any:
-        """What else must stay positive, a number or an array: lengths, volumes, concentrations. None by default."""
+        """Numbers that must stay positive besides temperatures: lengths, volumes, concentrations. None by default."""
         return []
 
     def points(self, z: Any) -> Any:
@@ -93,5 +92,5 @@ class Formulas(Magnitudes):
         )
 
     def exergy_offset(self) -> Any:
-        """Constant that makes V = E - theta_ref S + offset >= 0."""
+        """The constant for which V = E - theta_ref S + offset >= 0, in the unit of energy."""
         return 0.0

@@ -1,7 +1,7 @@
 """Multipliers at a state, in numbers: {g, dg/dt} lam = -grad(dg/dt) . f0 by one sparse solve, for systems of any size.
 
-With them the ODE under the constraints, the states nearest to a start that satisfy them, and which constraints are
-redundant. -{g, dg/dt} is G M^-1 G^T of mechanics, symmetric and positive definite where constraints are independent.
+They give the ODE under the constraints, the nearest consistent start, and tell which constraints are redundant.
+-{g, dg/dt} is G M^-1 G^T of mechanics, symmetric and positive definite where constraints are independent.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from .constrained import check_positions
 from .sparse_jacobian import sparse_slopes
 from .system import System
 
-REDUNDANT = 1e-10  # of a diagonal entry: a pivot that is less is round-off
-HELD = 1e-25  # G M^-1 G^T of a constraint that a force can hold, of which the start misses less than 1e-9
-KEPT = 1e-9  # what a start may miss of a constraint, over 1 and the size of the state
-FAILED = 0.05  # how far apart their directions are at most where a run has failed for it
-TAKES_PART = 0.05  # of the largest share in what vanishes, that of a constraint that is named
-MOST_LOOKED_AT, MOST_STATES = 60, 2000  # constraints and states of which dependence is looked for
-FLAT = 0.6  # how far apart directions are at most on both sides of a flat position, together
-SHARP = 0.25  # of this, by how much the lines of both sides may miss 0 between them
-SHOWN = 30  # numbers of a variable that a sentence writes out
+REDUNDANT = 1e-10  # of a diagonal entry: a smaller pivot is round-off
+HELD = 1e-25  # G M^-1 G^T of a constraint that a force can hold; less is round-off of a start that is 1e-9 off
+KEPT = 1e-9  # residual of a constraint that a start may have, over 1 + the size of the state
+FAILED = 0.05  # independence (see `apart`) below which a run has failed for it
+TAKES_PART = 0.05  # share in the vanishing direction, over the largest, of constraints that a sentence names
+MOST_LOOKED_AT, MOST_STATES = 60, 2000  # constraints, and states of a run, up to which dependence is looked for
+FLAT = 0.6  # independence on both sides of a flat position together, at most
+SHARP = 0.25  # of this, by which the lines through both sides may miss 0 between them
+SHOWN = 30  # numbers that a sentence writes out
 CORRECTIONS = 50  # of a start, by Newton's method
-CLOSE = 1e-15  # of its own size, a correction that is the last
+CLOSE = 1e-15  # the last correction, over the size of the state
 
 
 def values(system: Any, z: Any) -> Any:
@@ -40,12 +40,12 @@ def speeds(system: Any, z: Any) -> Any:
 
 
 def reversible(system: Any, z: Any, covector: Any) -> Any:
-    """L(z) covector: what a force is made of."""
+    """L(z) covector, shape (size,): the force of a constraint of this slope."""
     return system.state(system.reversible(z, covector, system.state(system.entropy_gradient(z))))
 
 
 class Multipliers:
-    """Of one system with constraints; m of them, n numbers of a state."""
+    """The multipliers of a system with m constraints and states of n numbers."""
 
     def __init__(self, system: System) -> None:
         self.system = system
@@ -55,11 +55,11 @@ class Multipliers:
 
     @cached_property
     def names(self) -> list[str]:
-        """Of each constraint the name of its multiplier."""
+        """The name of each constraint's multiplier, m of them."""
         return [name for name, size in sizes(self.system).items() for _ in range(size)]
 
     def told(self, k: int) -> str:
-        """A constraint in words: the 2nd of lam, say."""
+        """Constraint k in words: 'lam', or 'number 2 of 3 of lam'."""
         name = self.names[k]
         of = self.names.count(name)
         return name if of == 1 else f"number {k - self.names.index(name) + 1} of {of} of {name}"
@@ -72,22 +72,23 @@ class Multipliers:
         return G, B, force, (-(B @ force)).tocsc()
 
     def factors(self, inertia: Any) -> Any:
+        """LU factors (SuperLU) of -{g, dg/dt}, sparse (m, m); TcbenchError where it is not finite."""
         from scipy.sparse import diags
         from scipy.sparse.linalg import splu
 
         if not np.isfinite(inertia.data).all():
             raise TcbenchError(f"System {self.system.name!r}: slopes of constraints(z) are not finite at this state.")
-        least = REDUNDANT**1.5 * (np.abs(inertia.diagonal()) + 1e-300)  # so that a redundant one has a pivot
-        return splu((inertia + diags(least)).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+        shift = REDUNDANT**1.5 * (np.abs(inertia.diagonal()) + 1e-300)  # so that a redundant one has a pivot
+        return splu((inertia + diags(shift)).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
                     options={"SymmetricMode": True})  # fmt: skip
 
     def values(self, z: Any) -> Any:
-        """lam at a state, shape (m,)."""
+        """lam at a state z (n,), shape (m,)."""
         _, B, _, inertia = self.at(z)
         return self.factors(inertia).solve(B @ np.asarray(self.system.free_rate(z)))
 
     def rate(self, z: Any) -> Any:
-        """dz/dt under the constraints, shape (n,)."""
+        """dz/dt under the constraints at z (n,), shape (n,)."""
         free = np.asarray(self.system.free_rate(z))
         _, B, force, inertia = self.at(z)
         return free + force @ self.factors(inertia).solve(B @ free)
@@ -97,15 +98,15 @@ class Multipliers:
         out[:] = self.rate(z)
 
     def redundant(self, inertia: Any) -> list[int]:
-        """Constraints that say nothing that those before them do not, by what `at` gives last."""
+        """Numbers of the constraints that follow from those before them. inertia : -{g, dg/dt}, sparse (m, m)."""
         factors = self.factors(inertia)
         own = np.abs(inertia.diagonal())[np.argsort(factors.perm_c)]
         pivots = np.abs(factors.U.diagonal())
         return sorted(np.argsort(factors.perm_c)[~(pivots > REDUNDANT * own)].tolist())
 
     def apart(self, z: Any) -> tuple[float, list[int]]:
-        """How far from dependent the directions of the constraints are, by the least singular value of theirs (1: all
-        at right angles); and those that come to depend on each other."""
+        """Independence of the directions of constraints at z (n,), their smallest singular value: 1 where all are at
+        right angles, 0 where they depend on each other; and the numbers of those that take part."""
         inertia = self.at(z)[3].toarray()
         sizes = np.sqrt(np.abs(np.diag(inertia)) + 1e-300)
         if not np.isfinite(inertia).all():
@@ -115,19 +116,19 @@ class Multipliers:
         return math.sqrt(max(values[0], 0.0)), np.flatnonzero(parts > TAKES_PART * parts.max()).tolist()
 
     def group(self, numbers: list[int]) -> str:
-        """Constraints in words."""
+        """Several constraints in words."""
         *first, last = map(self.told, numbers)
         return f"{', '.join(first)} and {last}" if first else last
 
     def consistent(self, z: Any) -> Any:
-        """The nearest state that satisfies the constraints and their velocity form: positions by M^-1 Dg^T, until g is
-        round-off, then momenta nearest in kinetic energy."""
+        """The nearest state (n,) with g = 0 and dg/dt = 0: positions move along M^-1 Dg^T until g is round-off, then
+        momenta change least in kinetic energy."""
         z = np.array(z, dtype=float)
         last = math.inf
         for _ in range(CORRECTIONS):
             G, B, _, inertia = self.at(z)
             weighed = self._bracket(z, np.zeros(len(z))) @ B.T
-            weighed = weighed.multiply((np.abs(G).sum(axis=0) > 0).reshape(-1, 1)).tocsr()  # of what g reads alone
+            weighed = weighed.multiply((np.abs(G).sum(axis=0) > 0).reshape(-1, 1)).tocsr()  # only what g reads moves
             move = -(weighed @ self.factors((G @ weighed).tocsc()).solve(np.asarray(self.system.constraint_values(z))))
             z += move
             size = float(np.abs(move).max(initial=0.0))
@@ -141,7 +142,7 @@ class Multipliers:
 
 
 def sizes(system: System) -> dict[str, int]:
-    """How many constraints each multiplier holds."""
+    """The number of constraints of each multiplier."""
     z = np.ones(system.size)
     with np.errstate(all="ignore"):
         values = system.constraints(system.state(z))
@@ -149,18 +150,18 @@ def sizes(system: System) -> dict[str, int]:
 
 
 def multipliers(system: System) -> Multipliers | None:
-    """Those of a system; None of one without constraints."""
+    """The `Multipliers` of a system; None of one without constraints."""
     return Multipliers(system) if system.multipliers else None
 
 
 def consistent_start(scenario: Any) -> Any:
-    """The scenario that starts at the nearest state that is consistent; the same of a system without constraints."""
+    """The scenario from the nearest consistent state; the scenario itself where there are no constraints."""
     solved, model = multipliers(scenario.model), scenario.model
     return scenario if solved is None else scenario.replace(**model.initial_of(solved.consistent(scenario.z0)))
 
 
 def check_start(system: System, z0: Any) -> None:
-    """TcbenchError where constraints are redundant, or the start is off them or has velocities that leave them."""
+    """TcbenchError where constraints are redundant, or g or dg/dt is not 0 at the start z0 (n,)."""
     if (solved := multipliers(system)) is None:
         return
     check_positions(system)
@@ -193,11 +194,11 @@ def check_start(system: System, z0: Any) -> None:
 
 
 def dependent(system: System, rows: Any, times: Any, failed: bool = False) -> str:
-    """A sentence where constraints come to depend on each other between these states of a run, as those of a linkage
-    that passes its flat position, or at the last one of a run that failed; else "".
+    """A sentence where constraints come to depend on each other in a run, as those of a linkage that passes its flat
+    position, or at the last state of a run that failed; else "".
 
-    rows: (m, n), times: (m,). Passed is where their directions come apart on both sides as from 0. Of up to
-    MOST_LOOKED_AT constraints.
+    rows : states, shape (m, n). times : shape (m,). A flat position is passed where the lines through `apart` on both
+    sides meet at 0. Up to MOST_LOOKED_AT constraints.
     """
     solved = multipliers(system)
     if solved is None or len(solved.names) > MOST_LOOKED_AT or not len(rows):
@@ -205,8 +206,8 @@ def dependent(system: System, rows: Any, times: Any, failed: bool = False) -> st
     some = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), MOST_STATES)).astype(int))
     apart = np.array([solved.apart(rows[k])[0] for k in some])
     left, right = 2 * apart[1:-3] - apart[:-4], 2 * apart[3:-1] - apart[4:]  # lines through two states on each side
-    beside = apart[1:-3] + apart[3:-1]
-    passed = np.flatnonzero((left + right < SHARP * beside) & (apart[2:-2] < beside / 2) & (beside < FLAT)) + 2
+    sides = apart[1:-3] + apart[3:-1]
+    passed = np.flatnonzero((left + right < SHARP * sides) & (apart[2:-2] < sides / 2) & (sides < FLAT)) + 2
     near = passed[0] if len(passed) else len(apart) - 1 if failed and apart[-1] < FAILED else None
     if near is None:
         return ""
@@ -219,7 +220,7 @@ def dependent(system: System, rows: Any, times: Any, failed: bool = False) -> st
 
 
 def _cure(system: System, solved: Multipliers, z0: Any) -> str:
-    """What to start from: the nearest start that is consistent."""
+    """The end of a sentence: the nearest consistent start."""
     z = None
     with np.errstate(all="ignore"), contextlib.suppress(TcbenchError, RuntimeError):
         z, here = solved.consistent(z0), np.asarray(z0)

@@ -1,4 +1,4 @@
-"""Matrices applied without being formed: the slope of the strain measures, and authors' matrices projected."""
+"""Matrices that are applied and never formed: the slope of strain measures, projected matrices of authors."""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 The formulas are those of any system, in plain numpy, the first axis of an array its space. A small system is traced
 entry by entry, a large one on arrays (`compiler.array_symbols`): its kernels are loops, and what a start costs hardly
-follows the size. Small ones are traced on arrays first, as a check: what does not treat all alike is refused in both.
+follows the size. Small ones are traced on arrays first, as a check: a formula that does not treat all entries alike is
+refused at any size.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ def space_of(declared: tuple[Any, ...]) -> str:
 
 
 class OverSpaces(Traced):
-    """What a `System` has of its spaces; without any it is what `Traced` is."""
+    """The part of a `System` that knows spaces; without any, `Traced` does all."""
 
     tables: ClassVar[Declared] = {}  # name -> (source, columns..., target): whole numbers, given as a constant
     variables: Declared
-    spaces: Mapping[str, int] = {}  # how many there are of each, of an instance
-    by_array: bool = False  # is it one that formulas are traced on, for all sizes?
+    spaces: Mapping[str, int] = {}  # size of each space, of an instance
+    by_array: bool = False  # of `by_arrays` True: it has symbols for arrays, and no size
 
     @classmethod
     def declared_variables(cls) -> Declared:
@@ -94,7 +95,7 @@ class OverSpaces(Traced):
 
     @classmethod
     def _summed(cls, target: str) -> tuple[int, ...]:
-        """Of the spaces of a target those that have variables; the first where none has."""
+        """Numbers of the spaces of a target that have variables; the first where none has."""
         moving = set(map(space_of, cls.declared_variables().values()))
         return tuple(k for k, space in enumerate(target.split("+")) if space in moving) or (0,)
 
@@ -106,7 +107,7 @@ class OverSpaces(Traced):
 
     @property
     def large(self) -> bool:
-        """Is it traced on arrays?"""
+        """Are formulas traced on arrays, into loops?"""
         return bool(self.spaces) and self.size > traced.ENTRY_BY_ENTRY
 
     @property
@@ -139,11 +140,13 @@ class OverSpaces(Traced):
             if not self.large:
                 self.by_arrays.check()
             symbolic.__dict__.setdefault("by_arrays", self.by_arrays)
-            symbolic.__dict__.setdefault("mesh", self.mesh)  # last: by this another thread sees that nothing is missing
+            symbolic.__dict__.setdefault(
+                "mesh", self.mesh
+            )  # last: other threads take it for the sign that all is there
         return symbolic
 
     def name_constants(self) -> None:
-        """Of a large one when they are first asked for: only matrices are traced entry by entry there."""
+        """Symbols of a large system are made when they are read: only its matrices are traced entry by entry."""
         if not self.large:
             super().name_constants()
 
@@ -155,14 +158,14 @@ class OverSpaces(Traced):
 
     @cached_property
     def mesh(self) -> Mesh:
-        """Sizes and tables, for kernels."""
+        """Sizes of the spaces and tables, for kernels."""
         return Mesh(self.spaces, {n: np.asarray(getattr(self, n)) for n in self.tables})
 
     # ---- on arrays ---------------------------------------------------------------------------------------
 
     @cached_property
     def by_arrays(self) -> Any:
-        """What formulas are traced on, one for all sizes: symbols for arrays in the place of constants and tables."""
+        """The system that formulas of all sizes are traced on: it has symbols for arrays, constants and tables."""
         some = (n for n, shape in self.constants.items() if shape and 0 not in shape)
         switched_off = frozenset(n for n in some if not np.any(getattr(self, n)))
         numbers = tuple(pair for pair in self.zeros if not space_of(type(self).constants[pair[0]]))
@@ -194,7 +197,7 @@ class OverSpaces(Traced):
         return kind
 
     def check(self) -> None:
-        """TraceError where a formula does not treat all entries alike; of the one that is traced on."""
+        """TraceError where a formula does not treat all entries of a space alike; of `by_arrays`."""
         if "checked" not in self.__dict__:
             with trace.tracing():
                 self.observe(self.fresh_state("z"))
@@ -208,11 +211,11 @@ class OverSpaces(Traced):
             self.__dict__["checked"] = True
 
     def fresh_state(self, name: str) -> Blocks:
-        """New variables, a state of arrays."""
+        """A state of new symbols for arrays."""
         return self.array_state(Blocks([fresh(f"{name}.{n}", d) for n, d in self.declared_variables().items()]))
 
     def array_state(self, values: Any) -> Blocks:
-        """Arrays as a state: with names, and of the spaces and components that each has."""
+        """Arrays as a state with names; TraceError where a space or the number of components is another."""
         declared = self.declared_variables()
         if not isinstance(values, Blocks) or len(values.blocks) != len(declared):
             raise trace.refused(
@@ -224,31 +227,31 @@ class OverSpaces(Traced):
         return Blocks(blocks, self.block_numbers())
 
     def block_numbers(self) -> dict[str, int]:
-        """Which block of a state of arrays each variable is."""
+        """The number of each variable's block in a state of arrays."""
         return {name: k for k, name in enumerate(self.declared_variables())}
 
     def blocks(self, value: Any) -> list[Block]:
-        """Arrays and numbers as parts of the input or output of a kernel."""
+        """Arrays and numbers as blocks of the input or output of a kernel."""
         return list(_blocks(value))
 
     def compiled(
         self, arguments: Sequence[Any], values: Sequence[Any], hoisted: Sequence[Symbol] = (), in_rows: int = 0
     ) -> Kernel | ArrayKernel:
-        """A kernel of states and numbers, to states and numbers: in a what is given, in b the constants, and behind
-        these what was hoisted of them. In loops where this is what all sizes are traced on; nothing is hoisted then."""
+        """A kernel from states and numbers to states and numbers: `arguments` in a, constants in b, and behind these
+        the `hoisted` values. Of `by_arrays` it consists of loops, and nothing is hoisted."""
         if self.by_array:
             return array_kernel({"a": self.blocks([*arguments]), "b": self.constant_blocks()}, self.blocks([*values]))
         constants = self.constant_symbols() | placed("b", hoisted, self.n_constant_values)
         return kernel(placed("a", entries(*arguments)) | constants, list(map(trace.lifted, entries(*values))), in_rows)
 
     def hoisted(self, bodies: Iterable[Sequence[Any]], arguments: Sequence[Any]) -> list[Symbol]:
-        """What values, as of `compiled`, compute of constants alone: once a run, not once a step."""
+        """The parts of `values`, as of `compiled`, that depend on constants alone: they are computed once a run."""
         if self.by_array:
             return []
         return constant_part([trace.lifted(x) for values in bodies for x in entries(*values)], entries(*arguments))
 
     def constant_blocks(self, h: Symbol | None = None) -> list[Block]:
-        """What stands in `constant_values`: the time step, which few formulas read, and what is not switched off."""
+        """The blocks of `constant_values`: time step, constants, magnitudes; None where a constant is switched off."""
         blocks = [Block(NUMBER, (h,))]
         for name, declared in type(self).constants.items():
             symbols = (None if x.op == "const" else x for x in entries(getattr(self, name)))
@@ -274,7 +277,7 @@ class OverSpaces(Traced):
 
 @cached
 def _body_kernel(net: Any, body: Callable[..., Any], states: int) -> tuple[ArrayKernel, bool]:
-    """The kernel of a formula of so many states, for all sizes, and whether it gives one number."""
+    """The kernel of a formula of `states` states, for all sizes; and whether it gives one number."""
     with trace.tracing():
         arguments = [net.fresh_state(f"z{k}") for k in range(states)]
         result = body(net, *arguments)
@@ -283,7 +286,7 @@ def _body_kernel(net: Any, body: Callable[..., Any], states: int) -> tuple[Array
 
 
 def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Mapping[str, int]) -> Ints:
-    """Whole numbers, each of which names one of the target."""
+    """The table of this name, whole numbers of members of the target, read-only; TcbenchError for other values."""
     count = sum(sizes[part] for part in target.split("+"))
     try:
         numbers = real(value)
@@ -307,7 +310,7 @@ def _whole(name: str, value: Any, shape: tuple[int, ...], target: str, sizes: Ma
 
 
 def fresh(name: str, declared: tuple[Any, ...]) -> Any:
-    """New symbols for a variable or constant that is declared so."""
+    """New symbols for a variable or constant of this declared shape."""
     space = space_of(declared)
     shape = declared[1:] if space else declared  # of one entry
     parts = trace.array(variable(name, space) for _ in range(int(np.prod(shape, dtype=int)))).reshape(shape)

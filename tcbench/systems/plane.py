@@ -1,4 +1,4 @@
-"""Where the elements of a system stand in the plane, for pictures."""
+"""Points and lines of a system in the plane, for pictures."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ DRAWN_ELEMENTS = 100  # masses or lines above which a picture would show nothing
 
 
 def links(model: System) -> list[list[int]]:
-    """For springs in the plane: the two points that each element joins; point 0 is the origin, k the k-th mass.
+    """The two points that each spring joins in the plane: 0 is the origin, k the k-th mass; [] of other systems.
 
-    Found by trying: the strain measure of a spring is the squared distance of two points. [] if any is not.
+    At random positions the strain measure of a spring is the squared distance of two points.
     """
     if not isinstance(model, ElementSystem) or model.n_positions % 2 or model.n_positions > 2 * DRAWN_ELEMENTS:
         return []
@@ -35,9 +35,9 @@ def links(model: System) -> list[list[int]]:
 
 
 def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
-    """Of a system that says points(): the two joints of each line, and which ends (0, 1 of the first line, 2, 3 of the
-    second, ...) are the joints 1, 2, ...; joint 0 is the origin. Ends that are one point wherever the system is are one
-    joint. ([], []) of a system without a picture, or with more than DRAWN_ELEMENTS lines."""
+    """The two joints of each line of points(), and the ends (0, 1 of the first line, 2, 3 of the second, ...) that are
+    the joints 1, 2, ...; joint 0 is the origin. Ends that coincide in all states are one joint. ([], []) without
+    points(), and for more than DRAWN_ELEMENTS lines."""
     if not model.defines("points") or len(z0) > 10 * DRAWN_ELEMENTS:
         return [], []
     rng = np.random.default_rng(0)
@@ -61,7 +61,7 @@ def joints(model: System, z0: Any) -> tuple[list[list[int]], list[int]]:
 
 
 def drawn(model: System, z0: Any, z: Any) -> dict[str, NDArray[np.float64]]:
-    """Where the joints of a system that says points() are at each of the states: at_x_1, at_y_1, at_x_2, ..."""
+    """Columns at_x_1, at_y_1, at_x_2, ... (m,): the joints of a system with points() at the states z (m, size)."""
     _, first = joints(model, z0)
     if not first:
         return {}
@@ -91,7 +91,7 @@ def segments(model: System, z: Any) -> NDArray[np.float64]:
 
 
 def _ends(model: System, states: Any, said: str, lines: int) -> NDArray[np.float64]:
-    """What `points` gives at each of the states, or positions; lines: so many of them, -1 for any number."""
+    """The values of `points` at states or positions (m, n), shape (m, lines, 2, 2); lines = -1: any number of them."""
     rows = [model.points(model.state(row) if lines < 0 else row) for row in states]
     try:
         ends = np.array([[np.array(line, dtype=float) for line in row] for row in rows])

@@ -91,7 +91,7 @@ def _free(cls: type[System], base: type[System]) -> tuple[str, ...]:
 
 
 def _is_computed(cls: type, name: str) -> bool:
-    """A method, a property or the like, no number."""
+    """Is the attribute a method, a property or the like?"""
     return hasattr(inspect.getattr_static(cls, name, None), "__get__")
 
 
@@ -156,11 +156,11 @@ def check_degree(system: ElementSystem, shapes: Sequence[Any], q: Sequence[Symbo
 
 
 def _third_vanishes(x: Symbol, q: Sequence[Symbol]) -> bool:
-    """Is the third derivative along a line nil, at random points and in random directions?"""
+    """Is the third derivative of x along random lines 0 at random points?"""
     from ..compiler.kernels import namespace, placed, straight_line
 
     if x.space:
-        return False  # of arrays: what is not seen to be so
+        return False  # an array: not tested
     t, start, along = trace.variable("t"), trace.variables("q", len(q)), trace.variables("v", len(q))
     (line,) = trace.substitute([x], dict(zip(q, start + t * along, strict=True)))
     rates = [line]
@@ -210,7 +210,7 @@ def check_invariants(system: System, z0: Any) -> None:
     if system in _CHECKED:
         return
     own = system.defines("element_energy") and type(system).__module__.startswith(("tcbench.", "tcbench_plugins."))
-    if own or not system.invariant_names:  # what tests know needs no look at each start
+    if own or not system.invariant_names:  # tests check these
         _CHECKED.add(system)
         return
     for name in system.invariant_names:

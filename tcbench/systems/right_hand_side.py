@@ -38,13 +38,13 @@ class Field:
             self.rate_address = system.kernel("vector_field")[0].address
 
     def shared(self, t: float, z: Any) -> Any:
-        """The rate in one array that every call fills anew: for solvers that copy what they get."""
+        """The rate, shape (n,), in one array that every call overwrites: for solvers that copy it."""
         self.evaluations += 1
         self._evaluate(self.rate_address, z, self.c, self._rate)
         return self._rate
 
     def rate(self, t: float, z: Any) -> Any:
-        """The rate in an array of its own."""
+        """The rate in a new array, shape (n,); ArithmeticError where it is not finite at the first call."""
         self.evaluations += 1
         out = np.empty(self.size)
         self._evaluate(self.rate_address, z, self.c, out)
@@ -53,7 +53,7 @@ class Field:
         return out
 
     def into(self, t: float, z: Any, out: Any) -> None:
-        """The rate into `out`."""
+        """Write the rate into `out`, shape (n,)."""
         self.evaluations += 1
         self._evaluate(self.rate_address, z, self.c, out)
 
@@ -63,7 +63,7 @@ class Field:
         return self.system.vector_field(z)
 
     def jacobian(self, t: float, z: Any) -> Any:
-        """d rate/dz, shape (n, n), in one array that every call fills anew; of a large system in a new one."""
+        """d rate/dz, shape (n, n), in one array that every call overwrites; of a large system in a new one."""
         if self.system.large:
             return self._sparse(z).toarray()
         address, matrix, flat = self._jacobian
@@ -78,7 +78,7 @@ class Field:
 
     @cached_property
     def _jacobian(self) -> tuple[int, Any, Any]:
-        """Address of the kernel and the array, as it is and flat; for those that ask."""
+        """The address of the kernel, its result (n, n) and a flat view of that."""
         matrix = np.empty((self.size, self.size))
         return self.system.kernel("jacobian")[0].address, matrix, matrix.reshape(-1)
 
@@ -86,10 +86,10 @@ class Field:
 def expressions(
     system: System, variables: Sequence[Any], constants: Sequence[Any], functions: Mapping[str, Any]
 ) -> list[Any]:
-    """The rates of a system in the arithmetic of other objects (heyoka's expressions, say).
+    """The rates of a system, n objects, in the arithmetic of other objects such as heyoka's expressions.
 
-    variables : one object an unknown. constants : [time step, constants in declared order], as
-    `System.constant_values`. functions : exp, log, sqrt, ... by name, for those that the system's formulas use.
+    variables : n of them. constants : laid out as `System.constant_values`. functions : exp, log, sqrt, ... by name.
+    TcbenchError where the formulas need a function that is not there.
     """
     text, (size,) = system.formula("vector_field")
     out: dict[int, Any] = {}
@@ -98,8 +98,8 @@ def expressions(
 
 
 def as_python(text: str, functions: Mapping[str, Any]) -> Callable[..., None]:
-    """kernel(state, constants, out) from the text of a `System.formula`, in the arithmetic of these functions and of
-    what can be made of them."""
+    """kernel(state, constants, out) from the text of a `System.formula`, with these functions and those that can be
+    written in them; TcbenchError where one is missing."""
     namespace: dict[str, Any] = completed(functions)
     missing = sorted(set(NAMED.findall(text)) - {"kernel", *namespace})
     if missing:

@@ -20,12 +20,12 @@ from ..errors import TcbenchError, unknown_name
 
 DIGITS = 6  # a difference in the last bit shows in one number of 1e9
 LARGEST_SEED = 2**63 - 1
-STREAM = 2009  # beside the seed, so that these numbers are those of no other program that counts its seeds from 0
+STREAM = 2009  # second word of the seed: other programs that count seeds from 0 draw other numbers
 
 
 @dataclass(frozen=True)
 class Range:
-    """Where a number of a random scenario lies, low <= x <= high.
+    """The range of a number of a random scenario, low <= x <= high.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ from .system import System
 KINDS_OF_FIELDS = {
     "system": "a class", "constants": "a mapping", "initial": "a mapping", "shows": "a word", "source": "a word",
     "plugin": "a word", "ladder": "numbers"}  # fmt: skip
-SAID = ("name", "shows", "source", "plugin", "_cache")  # of a scenario: no part of what is computed
+SAID = ("name", "shows", "source", "plugin", "_cache")  # fields on which no number depends
 LENGTHS = ("t_end", "dt", "t_converge", "blowup_factor")
 ELEMENTS = ("positions", "momenta", "temperatures")  # the initial data of an ElementSystem
 
@@ -120,7 +120,7 @@ class Scenario:
         return f"<Scenario {self.name} of {self.system.name}, t_end = {self.t_end:g}, dt = {self.dt:g}{said}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is copied and pickled: the numbers, and the system."""
+        """For copies and pickles: the numbers and the system, not what is derived from them."""
         return {**vars(self), "_cache": {k: self._cache[k] for k in ("model", "horizon")}}
 
     def _start(self) -> NDArray[np.float64]:
@@ -157,14 +157,14 @@ class Scenario:
 
     @property
     def initial_exergy(self) -> float:
-        """V0, the scale of energy errors: the exergy at the start, or what of the energy moves (`energy_scale`)."""
+        """V0, the scale of energy errors: the exergy at the start, or the energy that moves (`energy_scale`)."""
         if "V0" not in self._cache:
             self._cache["V0"] = energy_scale(self.model, self.z0, self._cache.get("horizon", self.t_end))
         return float(self._cache["V0"])
 
     @property
     def energy_round_off(self) -> float:
-        """What of an error of the energy is its round-off, as it is written."""
+        """The round-off of the energy's formula at the start, in the unit of energy."""
         if "round-off" not in self._cache:
             self._cache["round-off"] = energy_round_off(self.model, self.z0)
         return float(self._cache["round-off"])
@@ -204,7 +204,7 @@ class Scenario:
             settings["dt"] = min(self.dt, positive("t_end", changes["t_end"]))
         if not set(changes) <= set(LENGTHS):
             return dataclass_replace(self, constants=constants, **{"name": self.name, **settings})
-        changed = copy.copy(now := self.current())  # of the same system and start: what is kept of these serves both
+        changed = copy.copy(now := self.current())  # of the same system and start, whose cache serves both
         vars(changed).update(settings, _cache=now._cache)
         changed._check_lengths()
         return changed
@@ -220,7 +220,7 @@ class Scenario:
         }  # fmt: skip
 
     def data(self) -> dict[str, Any]:
-        """Every number of it, JSON-able, and its system; not what it is called or what is said of it."""
+        """Every number and the system, JSON-able, without name, source and other words."""
         parts = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in SAID}
         parts |= {"system": f"{self.system.name} {self.system.__qualname__}", "constants": self.as_dict()["constants"]}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in parts.items()}
@@ -243,7 +243,7 @@ class Scenario:
 
     def steps(self, dt: float) -> int:
         """Number of steps of size dt: the last one ends at or just past t_end."""
-        if not (count := self.t_end / dt) < 2**53:  # beyond, t + dt is t
+        if not (count := self.t_end / dt) < 2**53:  # otherwise t + dt is t
             raise TcbenchError(f"dt = {dt:g} is so small that the steps to t_end = {self.t_end:g} cannot be counted.")
         return max(1, math.ceil(count - 1e-9))
 

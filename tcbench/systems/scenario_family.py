@@ -15,7 +15,7 @@ from ..errors import TcbenchError, expect, unknown_name
 from .sampling import Draw, Range, rounded, seed_of
 from .scenario import Scenario
 
-TRIES, NEAR = 100, 0.3  # of a random start; what a variable that is 0 is taken to be
+TRIES, NEAR = 100, 0.3  # for an admissible random start; the size of a variable that is 0, for its moves
 KINDS_OF_A_FAMILY = {
     "name": "a word", "make": "a function or a word or nothing", "sample": "a function or nothing",
     "defaults": "a mapping", "ranges": "a mapping", "takes": "a mapping",
@@ -92,8 +92,8 @@ class ScenarioFamily:
             chosen = {n: v for n, v in chosen.items() if n == "seed" or v != self.defaults[n]}
         else:
             scenario = _imported(self.make)(**{name: self._read(name, text) for name, text in chosen.items()})
-        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()) if v)  # "" is what a kind does without
-        named = copy.copy(scenario)  # its numbers have been checked: hundreds of members are made at a time
+        label = ",".join(f"{n}={v}" for n, v in sorted(chosen.items()) if v)  # "" stands for none
+        named = copy.copy(scenario)  # a copy is not checked again: hundreds of members are made at a time
         object.__setattr__(named, "name", f"{self.name}[{label}]")
         object.__setattr__(named, "plugin", self.plugin)
         return named
@@ -133,7 +133,7 @@ def _imported(make: Any) -> Callable[..., Scenario]:
 
 
 def moved(value: Any, draw: Draw, range_name: str) -> Any:
-    """An initial value, each number x of it moved by a drawn part of max(|x|, NEAR); of the same shape."""
+    """An initial value of the same shape, each number x moved by a drawn part of max(|x|, NEAR)."""
     at = np.asarray(value, dtype=float)
     return rounded(at + np.maximum(NEAR, np.abs(at)) * np.reshape([draw(range_name) for _ in range(at.size)], at.shape))
 

@@ -20,7 +20,7 @@ _CHECKED: set[Any] = set()
 
 
 def how_many(system: ElementSystem, positions: Any, temperatures: Any) -> tuple[int, int]:
-    """Its numbers of positions and elements; TcbenchError where a start has some and its class says of none."""
+    """(n_positions, n_elements); TcbenchError where a start has some and the class declares none."""
     n, m = system.n_positions, system.n_elements
     if (len(positions) and not n) or (len(temperatures) and not m):
         unsaid = "elements: n_elements" if n else "positions: n_positions"
@@ -29,7 +29,7 @@ def how_many(system: ElementSystem, positions: Any, temperatures: Any) -> tuple[
 
 
 def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
-    """TcbenchError where a function of the author's gives another number of values than is asked of it.
+    """TcbenchError where a function of the author gives another number of values than it must.
 
     q, p: shape (n_positions,); theta: shape (n_elements,)."""
     if system.structure in _CHECKED:
@@ -52,7 +52,7 @@ def check_sizes(system: ElementSystem, q: Any, p: Any, theta: Any) -> None:
 
 
 def _checked(system: ElementSystem, name: str, shapes: list[Any], wanted: str, *arguments: Any) -> Any:
-    """What the author's function gives, of one of these shapes."""
+    """The value of the author's function, an array of one of these shapes; else TcbenchError."""
     value = _called(system, name, *arguments)
     try:
         array = np.asarray(value, dtype=float)

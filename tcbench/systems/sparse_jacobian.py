@@ -1,5 +1,4 @@
-"""Slopes of a system's formulas as sparse matrices: for implicit solvers of others (SciPy's Radau and BDF), and for
-multipliers of large systems."""
+"""Derivatives of a system's formulas as sparse matrices, for SciPy's Radau and BDF and for multipliers."""
 
 from __future__ import annotations
 
@@ -56,8 +55,8 @@ def _entries(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any,
     with trace.tracing():
         arguments = [trace.variables(f"z{k}", symbolic.size) for k in range(states)]
         values = list(map(trace.lifted, entries(formula(symbolic, *map(symbolic.state, arguments)))))
-        rows_of_slopes = trace.sparse_jacobian(values, list(arguments[-1]))
-        terms = [(i, j, slope) for i, row in enumerate(rows_of_slopes) for j, slope in row.items()]
+        sparse_rows = trace.sparse_jacobian(values, list(arguments[-1]))
+        terms = [(i, j, slope) for i, row in enumerate(sparse_rows) for j, slope in row.items()]
         inputs = placed("a", np.concatenate(arguments)) | symbolic.constant_symbols()
         slopes_kernel = kernel(inputs, [slope for _, _, slope in terms])
     rows, columns = (np.array([term[k] for term in terms], np.int64) for k in range(2))
@@ -65,14 +64,14 @@ def _entries(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any,
 
 
 def _by_arrays(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, Any, Any, int]:
-    """As of any system, in loops."""
+    """`_entries` of a large system, in loops."""
     net, mesh = symbolic.by_arrays, symbolic.mesh
     with trace.tracing():
         arguments = [net.fresh_state(f"z{k}") for k in range(states)]
         x, blocks = entries(arguments[-1]), net.blocks(arguments[-1])
         values = net.blocks(formula(net, *arguments))
         ours = [Block(b.space, tuple(variable("row", b.space) for _ in b.symbols)) for b in values]
-        # less an array, so that each entry has a row also where all have one number for their rate
+        # minus a variable, so that each entry has a row of its own also where all rates are one number
         rows = [trace.sub(trace.lifted(f), trace.lifted(row)) for b, own in zip(values, ours, strict=True)
                 for f, row in zip(b.symbols, own.symbols, strict=True)]  # fmt: skip
         slopes = jacobian_terms(rows, x)

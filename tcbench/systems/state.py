@@ -1,4 +1,4 @@
-"""What a `System` is made of beside formulas: `State`, a vector with names, and the hash that tells edited formulas."""
+"""`State`, a vector with names, and the hash that shows whether formulas were edited."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
     from .system import System
 
 Array = NDArray[Any]
-LETTERS = "abcdefghijklmnopqrstuvwxyz"  # of elements; of systems with more, they are not told one by one
+LETTERS = "abcdefghijklmnopqrstuvwxyz"  # names of elements; more of them get no columns of their own
 Layout = Mapping[str, tuple[int, int, tuple[int, ...]]]  # name of a variable -> first, last + 1, shape
 
 
 def fixed(array: Array) -> Array:
-    """The array, which from now on cannot be written to: many hold it."""
+    """The array itself, made read-only, for several holders."""
     array.setflags(write=False)
     return array
 
 
 def real(value: Any) -> Array:
-    """What an author gives, as new floats; TypeError where they would lose what it says: complex, masked, a date."""
+    """A value as a new array of floats; TypeError for complex, masked and dated values, which would lose a part."""
     if np.ma.is_masked(value) or np.asarray(value).dtype.kind in "cmMV":
         raise TypeError
     return np.array(value, dtype=float)
 
 
 def in_one_row(values: Any) -> Any:
-    """Numbers and arrays, one after the other."""
+    """Numbers and arrays in one vector, one after the other."""
     parts = values if isinstance(values, list | tuple) else [values]
     if is_array(*parts):
         return Blocks(parts)
@@ -47,7 +47,7 @@ def in_one_row(values: Any) -> Any:
 
 
 def shape_of(value: Any) -> tuple[int, ...] | None:
-    """Of what an author gives; None where rows have several lengths."""
+    """The shape of a value; None where its rows have several lengths."""
     try:
         return tuple(np.shape(value))
     except ValueError:
@@ -68,7 +68,7 @@ class State(np.ndarray):
         self.layout = getattr(source, "layout", {})
 
     def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
-        """What has no axis left, as the largest component, is a number."""
+        """A result without axes, such as the largest component, is a number."""
         return array[()] if array.ndim == 0 else super().__array_wrap__(array, context, return_scalar)
 
     def __getattr__(self, name: str) -> Any:
@@ -84,7 +84,7 @@ class State(np.ndarray):
 
 
 def laid_out(variables: Mapping[str, tuple[int, ...]]) -> Layout:
-    """Where each variable stands in z."""
+    """The place of each variable in z."""
     layout, first = {}, 0
     for name, shape in variables.items():
         end = first + int(np.prod(shape))
@@ -93,12 +93,12 @@ def laid_out(variables: Mapping[str, tuple[int, ...]]) -> Layout:
 
 
 def blocks_of(system: System, z: Any) -> list[Any]:
-    """A state of symbols or of arrays as its variables, one after the other."""
+    """The variables of a state z of symbols or of arrays, in declared order."""
     return z.blocks if is_array(z) else [np.asarray(z)[slice(*system.layout[name][:2])] for name in system.variables]
 
 
 def products(a: Sequence[Any], b: Sequence[Any]) -> list[Symbol]:
-    """Entry by entry, of numbers and of arrays over spaces."""
+    """The products a_i b_i, of numbers and of arrays over spaces."""
     return [trace.lifted(x) * trace.lifted(y) for x, y in zip(a, b, strict=True)]
 
 
@@ -108,8 +108,8 @@ def summed(values: Sequence[Symbol]) -> Symbol:
 
 
 def formulas_hash(kind: type[System]) -> str:
-    """Hash of what a class of systems computes now: a global that its formulas read may have changed in between.
+    """Hash of what a class of systems computes now, globals that its formulas read included.
 
-    Another one each time where they have none (see formula_hash): nothing traced is then used twice.
+    Formulas without a hash (see formula_hash) get a new one at each call: nothing traced is then used twice.
     """
     return formula_hash(kind) or uuid.uuid4().hex

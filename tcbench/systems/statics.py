@@ -1,4 +1,4 @@
-"""Static solutions: the least energy in the numbers of a variable, loads and all else as at the start."""
+"""Static solutions: the minimum of the energy over one variable, loads and all else as at the start."""
 
 from __future__ import annotations
 
@@ -68,22 +68,23 @@ def at_rest(scenario: Scenario, variable: str = "q", held: Any = None) -> Scenar
 
 
 def _free(model: Any, variable: str, held: Any) -> Any:
+    """Which numbers of z are free to move, booleans (size,); TcbenchError for `held` of another shape."""
     first, end, shape = model.layout[variable]
     mask, own = np.zeros(model.size, dtype=bool), np.ones(shape, dtype=bool)
     if held is not None:
-        mask_of_held = np.asarray(held)
-        if mask_of_held.dtype != bool or not mask_of_held.ndim or mask_of_held.shape != shape[: mask_of_held.ndim]:
+        mask_held = np.asarray(held)
+        if mask_held.dtype != bool or not mask_held.ndim or mask_held.shape != shape[: mask_held.ndim]:
             raise TcbenchError(
                 f"held is True or False for each number of {variable!r}, shape {shape}, or for each entry of its first "
                 f"axis; it has shape {np.shape(held)}."
             )
-        own &= ~mask_of_held.reshape(*mask_of_held.shape, *(1,) * (len(shape) - mask_of_held.ndim))
+        own &= ~mask_held.reshape(*mask_held.shape, *(1,) * (len(shape) - mask_held.ndim))
     mask[first:end] = own.ravel()
     return mask
 
 
 def _lowering(model: Any, z: Any, move: Any, slope: float) -> float:
-    """The part of a move after which the energy is lower, round-off aside; 0: none is."""
+    """The part of a move (size,) that lowers the energy, round-off aside; 0 where none does."""
     energy, part = float(model.energy(z)), 1.0
     allowed = 1e-14 * (model.energy_magnitude + abs(energy))
     for _ in range(HALVINGS):

@@ -75,7 +75,7 @@ class System(Formulas):
     Romero (2009), eq. (1), dz/dt = L grad E + M grad S; eq. (37) for V; docs/add-system.md.
     """
 
-    # what an author may define; every other name that the class has is derived or taken
+    # what an author may write; all other names of the class are derived
     written: ClassVar[tuple[str, ...]] = (
         "name", "constants", "variables", "tables", "positive", "non_negative", "reference_temperature", "source",
         *FORMULAS, "poisson", "friction", "invariants", "temperature", "measures", "exergy_offset", "points",
@@ -99,7 +99,7 @@ class System(Formulas):
         object.__setattr__(self, name, value)
 
     def __init__(self, **values: Any) -> None:
-        check_class(type(self))  # which may have been changed since, as the formulas may
+        check_class(type(self))  # again: a notebook may have changed the class and its formulas
         derive(type(self), System, FORMULAS)
         if not self.variables:
             raise TcbenchError(
@@ -120,7 +120,7 @@ class System(Formulas):
 
     @classmethod
     def defines(cls, name: str) -> bool:
-        """Does the system define an optional function, such as "conduction_flow"?"""
+        """Does the author define an optional function, such as "conduction_flow"?"""
         (base, *_) = (c for c in cls.__mro__ if "written" in c.__dict__)
         own = getattr(cls, name, None)
         return callable(own) and own is not getattr(base, name, None)
@@ -143,7 +143,7 @@ class System(Formulas):
 
     @property
     def component_names(self) -> list[str]:
-        """Of each number of z: q of a variable that is one number, q0, q1, ... of an array."""
+        """Names of the numbers of z: q of a variable that is one number, q0, q1, ... of an array."""
         return [f"{n}{i}" if shape else n for n, shape in self.variables.items() for i in range(int(np.prod(shape)))]
 
     def state(self, values: Any) -> State:
@@ -158,7 +158,7 @@ class System(Formulas):
         return self.state(self.fresh_state(name) if self.by_array else trace.variables(name, self.size))
 
     def in_variables(self, variables: str, z: Any) -> State:
-        """z in the variables that a formula is written in; of elements there are several sets."""
+        """z in the thermal variables that a formula is written in; only systems of elements have several."""
         return self.state(z)
 
     def start(self, initial: Any) -> NDArray[np.float64]:
@@ -183,16 +183,16 @@ class System(Formulas):
         return z
 
     def initial_of(self, z: Any) -> dict[str, Any]:
-        """The initial data, as settings of a Scenario, of one that starts at z."""
+        """The settings of a Scenario that starts at z (size,)."""
         state = self.state(np.asarray(z, dtype=float))
         return {"initial": {name: getattr(state, name) for name in self.variables}}
 
     def told_in_time(self, z: Any) -> dict[str, Any]:
-        """What charts tell of states (m, size) beside energy, entropy, invariants and temperatures: name -> (m,)."""
+        """Columns of charts, name -> (m,), of states z (m, size): the variables, one number each."""
         return dict(zip(self.component_names, np.asarray(z).T, strict=True))
 
     def nearby(self, z0: Any, rng: np.random.Generator) -> Any:
-        """A random state around z0, not near; it need not be admissible."""
+        """A random state (size,) at some distance from z0 (size,); it need not be admissible."""
         scale = np.maximum(0.3 * self.state_magnitudes, np.abs(z0))
         return self.state(z0 + 0.3 * scale * rng.standard_normal(self.size))
 
@@ -206,7 +206,7 @@ class System(Formulas):
 
     @cached_property
     def declared_values(self) -> NDArray[np.float64]:
-        """The same, shape (n_constant_values,), with 1 for all of `magnitudes`, which no formula of a system reads."""
+        """`constant_values` with 1 for all magnitudes, which no formula of a system reads."""
         parts = [np.ravel(getattr(self, name)) for name in self.constants]
         return fixed(np.concatenate([[0.0], *parts, np.ones(len(self.variables) + OF_LAWS)]).astype(np.float64))
 
@@ -222,7 +222,7 @@ class System(Formulas):
         return trace.array(map(trace.lifted, self._conserved(z).values()))
 
     def _conserved(self, z: Any) -> dict[str, Any]:
-        """The invariants by name, at a state."""
+        """The invariants at the state z (size,), by name."""
         return self.invariants(self.state(z))
 
     def momenta_gradients(self, z: Any) -> list[State]:
@@ -241,32 +241,31 @@ class System(Formulas):
 
     @derived
     def invariant_rates(self, z: Any) -> Any:
-        """dJ/dt of each invariant as if there were no constraints, and behind these the sizes of the terms that each
-        is the sum of, shape (2 n_invariants,)."""
+        """(2 n_invariants,): dJ/dt of each invariant without constraint forces, then the sum of |its terms| of each."""
         rates = entries(self.free_rate(z))
         terms = [products(entries(slopes), rates) for slopes in self.momenta_gradients(z)]
         return trace.array(map(summed, [*terms, *([abs(x) for x in row] for row in terms)]))
 
     @property
     def invariant_names(self) -> tuple[str, ...]:
-        """Names of what else is conserved."""
+        """Names of the invariants."""
         symbolic: System = self.symbolic
-        return symbolic.told[0]
+        return symbolic.counted[0]
 
     @property
     def n_temperatures(self) -> int:
-        """How many temperatures a state has."""
+        """Number of temperatures of a state."""
         symbolic: System = self.symbolic
-        return symbolic.told[1]
+        return symbolic.counted[1]
 
     @cached_property
-    def told(self) -> tuple[tuple[str, ...], int]:
-        """Names of the invariants, number of temperatures: asked of the one that stands for all of its structure."""
+    def counted(self) -> tuple[tuple[str, ...], int]:
+        """Names of the invariants and number of temperatures, of a symbolic system."""
         sym = self.by_arrays if self.large else self
         with trace.tracing():
             z = sym.unknowns("x")
             names, theta = tuple(sym._conserved(z)), sym.temperatures(z)
-        if self.by_array:  # which stands for all sizes
+        if self.by_array:  # of no size
             return names, 0
         return names, self.mesh.offsets(sym.blocks(theta))[-1] if self.large else len(theta)
 
@@ -287,22 +286,22 @@ class System(Formulas):
 
     @derived
     def discrete_entropy_gradient(self, z0: Any, z1: Any) -> Any:
-        """D S(z0, z1), likewise."""
+        """D S(z0, z1), shape (size,), with DS . (z1 - z0) = S(z1) - S(z0)."""
         return self._slopes("entropy", z0, z1)
 
     def cut(self, name: str) -> Cut:
-        """ "energy" or "entropy" as a function of what is at most quadratic in z."""
+        """A law ("energy" or "entropy") cut into an outer function of inner ones that are at most quadratic in z."""
         x = self.unknowns("x")
         return Cut(trace.lifted(getattr(self, name)(x)), entries(x))
 
     def pull_gradient(self, z0: Any, z1: Any) -> Any:
-        """Of a view that has multipliers: the discrete gradient of lam . g, for own discrete gradients; else 0."""
+        """The discrete gradient of lam . g in a view with multipliers, else 0: for discrete gradients of methods."""
         if self.pull is None:
             return self.state(0.0 * z0)
         return constrained.discrete_pull(self, z0, entries(z1 - z0), self.pull)
 
     def _with_pull(self, name: str, x: Any) -> Any:
-        """The energy, with lam . g in a view that has multipliers; or the entropy."""
+        """The law of this name at x; the energy of a view with multipliers has lam . g added."""
         f = trace.lifted(getattr(self, name)(x))
         if self.pull is None or name != "energy":
             return f
@@ -313,7 +312,7 @@ class System(Formulas):
         return self.discrete_gradient(z0, z1), self.discrete_entropy_gradient(z0, z1)
 
     def _slopes(self, name: str, z0: Any, z1: Any = None) -> State:
-        """Gradient of a formula at z0, or its discrete gradient from there to z1."""
+        """The gradient of a law at z0, or its discrete gradient from z0 to z1, shape (size,)."""
         at = self.unknowns("x")
         f, x, start = self._with_pull(name, at), entries(at), [*map(trace.lifted, entries(z0))]
         if z1 is None:
@@ -348,27 +347,27 @@ class System(Formulas):
 
     @derived
     def shapes(self, z: Any) -> Any:
-        """What else must stay positive, at a state, in one row."""
+        """The values of `measures`, which must stay positive, shape (n_measures,)."""
         return in_one_row(self.measures(self.state(z)))
 
     @derived
     def free_rate(self, z: Any) -> Any:
-        """dz/dt as if there were no constraints, shape (size,)."""
+        """dz/dt without constraint forces, shape (size,)."""
         covectors = self.state(self.gradient(z)), self.state(self.entropy_gradient(z))
         return self.reversible(z, *covectors) + self.irreversible(z, *covectors)
 
     def excludes(self, method: Integrator) -> str:
-        """Why a method cannot run on systems of this kind, "" where it can; see `Integrator.suits`."""
+        """Why a method cannot run on systems of this kind; "" where it can. See `Integrator.suits`."""
         return constrained.excluded(self, method) if self.multipliers else ""
 
     @derived
     def constraint_values(self, z: Any) -> Any:
-        """What has to be 0, in one row, shape (n_constraints,)."""
+        """g(z), which has to be 0, shape (n_constraints,)."""
         return in_one_row(constrained.conditions(self, z))
 
     @derived
     def constraint_speeds(self, z: Any) -> Any:
-        """Its rate, which has to be 0, too: the velocity form of the constraints."""
+        """dg/dt, which has to be 0, too, shape (n_constraints,): the velocity form of the constraints."""
         return in_one_row(constrained.velocities(self, z))
 
     @derived

@@ -23,10 +23,10 @@ THERMAL = {"temperature": "theta", "energy": "u"}  # names of the last block in 
 
 
 class ThermalVariables(Base):
-    """What an `ElementSystem` has of them; everything is derived."""
+    """The part of an `ElementSystem` that changes between entropies, temperatures and energies; all is derived."""
 
     def state(self, values: Any) -> State:
-        """As of any system; (q, p, theta) and (q, p, u) keep their names."""
+        """`System.state`, in which (q, p, theta) and (q, p, u) keep their names."""
         names = getattr(values, "layout", None) or getattr(values, "names", None) or ()
         other = next((name for name in THERMAL.values() if name in names), "")
         return self.named(values, other) if other else super().state(values)
@@ -65,7 +65,7 @@ class ThermalVariables(Base):
 
     @derived
     def temperature_forces(self, y: Any) -> Any:
-        """-dE/dq at (q, p, theta), shape (n_positions,): an exponential of the entropies is undone by its logarithm."""
+        """-dE/dq at (q, p, theta), shape (n_positions,), simplified: logarithms cancel exponentials of entropies."""
         y, q, theta = self.named(y, "s"), self.fresh("q", "position"), self.fresh("theta", "element")
         z = self.entropy_variables(np.concatenate([q, 0.0 * q, theta]))
         here = dict(zip(entries(q, theta), entries(y.q, y.s), strict=True))
@@ -97,8 +97,8 @@ class ThermalVariables(Base):
         return by_pi * dpi + by_y * dy
 
     def simplified_energies(self, pi: Any, s: Any) -> Any:
-        """Energies of the elements, an operator on corners of divided differences: of the formula as it is simplified
-        on symbols; or a TraceError that names the line with an operation without a rule."""
+        """Energies of the elements on corners of divided differences, by the formula as symbols simplify it; TraceError
+        with the line of an operation without a rule."""
         try:
             return self.by_thermal_variable("entropy", pi, s)[0]
         except TraceError:
@@ -108,8 +108,8 @@ class ThermalVariables(Base):
         """(energies, entropies) of the elements as functions of strain measures and of y: their entropies, temperatures
         or energies; an operator on symbols, or on the corners of divided differences.
 
-        TraceError where the energy cannot be solved for the entropy operation by operation, or entropies() does not see
-        the positions through the strain measures alone.
+        TraceError where the energy cannot be solved for the entropy operation by operation, or entropies() reads
+        positions in another way than through the strain measures.
         """
         pi_, y_ = self.fresh("pi", "element"), self.fresh("y", "element")
         if variables == "entropy":
@@ -139,12 +139,12 @@ class ThermalVariables(Base):
 
 
 def _itself(x: Any) -> list[trace.Symbol]:
-    """The nodes that stand for a strain measure: as it is marked, and as it is written; none of a number."""
+    """The nodes of a strain measure, marked and unmarked; none of a number."""
     nodes = [x, *x.args] if isinstance(x, trace.Symbol) and x.op == "mark" else [x]
     return [node for node in nodes if isinstance(node, trace.Symbol) and node.op != "const"]
 
 
 def marked_positive(theta: Any) -> Any:
-    """Temperatures: a logarithm of them may be undone."""
+    """Temperatures, declared positive: exp(log(theta)) is theta."""
     trace.positive(entries(theta))
     return theta

@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 OURS = Path(__file__).parents[1]
-OF_LAWS = 2  # of `System.magnitudes` the last ones: of energy and entropy
+OF_LAWS = 2  # the last of `System.magnitudes` are those of energy and entropy
 ENTRY_BY_ENTRY = 24  # length of a state over spaces up to which formulas are traced entry by entry, not in loops
 MOST_WHOLE = 200  # the longest that ever is: straight-line code of longer ones takes minutes to compile
-# what takes a state in any thermal variable
+# formulas that take a state in any thermal variable
 OF_ANY = ["entropy_variables", "variables_of_energies", "temperature_field", "temperature_forces", "shapes"]
 _SYMBOLIC: dict[tuple[Any, ...], Any] = {}
 _KERNELS: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...]]] = {}
 
 
 def attributes(item: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    """Those of `names` that the object has as its own, asked for one by one: a thread may add others meanwhile."""
+    """The attributes of these names in the object's own __dict__, read one by one: threads may add others meanwhile."""
     own = vars(item)
     return {name: own[name] for name in names if name in own}
 
@@ -71,7 +71,7 @@ def _check_names(system: Traced, name: str, states: tuple[Any, ...]) -> None:
 
 
 def _run(body: Callable[..., Any], system: Any, *states: Any) -> Any:
-    """The formula on symbols; what numpy and Python refuse of them is a sentence with the author's line."""
+    """The formula on symbols. An exception of numpy or Python becomes a TraceError with the author's line."""
     try:
         value = body(system, *states)
         repeatable = body.__name__ != "vector_field" or same_again(value, lambda: body(system, *states))
@@ -105,14 +105,14 @@ class Traced:
         def __getattr__(self, name: str) -> Any: ...
 
     def __getstate__(self) -> dict[str, Any]:
-        """The numbers, for copies and pickles: what follows from them (symbols, addresses of kernels) is made again."""
+        """For copies and pickles: the numbers; symbols and addresses of kernels are derived again."""
         derived = {
             name
             for kind in type(self).__mro__
             for name, x in dict(vars(kind)).items()
             if isinstance(x, cached_property)
         }
-        # of a copy, whole at once: another thread may keep what it made meanwhile
+        # of a copy of __dict__: another thread may add to it meanwhile
         return {name: value for name, value in dict(vars(self)).items() if name not in derived}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -129,33 +129,33 @@ class Traced:
         return self._traced(self._body(name), (self.size,), straight_line)
 
     def kernel(self, name: str) -> tuple[Kernel, tuple[int, ...]]:
-        """The same compiled: what `compiler.language.call` and `compiler.library.evaluate` take, and its shape."""
+        """`formula` compiled, for `compiler.language.call` and `compiler.library.evaluate`, and its shape."""
         return self._kernel(self._body(name), (self.size,))
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """Of an instance, by the one that has symbols for constants."""
+        """The attributes of an instance that `symbolic` copies."""
         return "formulas", "zeros"
 
     @cached_property
     def symbolic(self) -> Self:
-        """The same system with symbols for constants, one object for every set of values."""
+        """This system with symbols for constants: one object for all values."""
         return self.with_symbols()
 
     def with_symbols(self) -> Self:
-        """`symbolic`, which another thread sees when all of it is there: what a subclass adds it adds here."""
+        """Make `symbolic`. Other threads see it when it is complete: subclasses add to it here."""
         key = self.structure
         if key not in _SYMBOLIC:
             clone = object.__new__(type(self))
             clone.__dict__.update(attributes(self, self.kept))
             clone.name_constants()
             clone.__dict__["magnitudes"] = self.magnitude_symbols()
-            _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first
+            _SYMBOLIC.setdefault(key, clone)  # of two threads that make one at once the first wins
         symbolic: Self = _SYMBOLIC[key]
         return symbolic
 
     def name_constants(self) -> None:
-        """Symbols in the place of constants, of one that has none yet."""
+        """Set symbols in the place of constants."""
         for name, shape in self.constants.items():
             symbols = self.symbols_of(name)
             setattr(self, name, symbols[0] if shape == () else symbols.reshape(shape).view(SymbolArray))
@@ -170,7 +170,7 @@ class Traced:
         return trace.variables("magnitude", len(self.variables) + OF_LAWS)
 
     def symbols_of(self, name: str) -> Any:
-        """New symbols for the entries of a constant; 0 for those that are switched off."""
+        """New symbols for the entries of a constant, and 0 for those that are 0 in this structure."""
         symbols = trace.variables(name, int(np.prod(self.constants[name])))
         for n, i in self.zeros:
             if n == name:
@@ -186,7 +186,7 @@ class Traced:
         return {x: f"b[{i + 1}]" for i, x in enumerate(symbols) if x.op != "const"}
 
     def _evaluate(self, body: Callable[..., Any], arrays: list[Array]) -> Any:
-        """`body` at a state or a batch of them (leading axes): by a compiled kernel."""
+        """`body` at a state or at a batch of states (leading axes), by a compiled kernel."""
         from ..compiler.library import ROWS, evaluate
 
         batch = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
@@ -215,8 +215,8 @@ class Traced:
         return _KERNELS[key]
 
     def _traced(self, body: Callable[..., Any], sizes: tuple[int, ...], lower: Callable[..., Any]) -> tuple[Any, Any]:
-        """made(inputs, outputs) of a function of states of these sizes, one after the other in a; and its shape."""
-        symbolic = self.symbolic  # its symbols come first, whoever made them
+        """lower(inputs, outputs) of a function of states of these sizes, one after the other in a; and its shape."""
+        symbolic = self.symbolic  # before tracing, so that the numbers of its symbols do not depend on who made it
         from ..compiler.kernels import placed
 
         with trace.tracing():

@@ -63,7 +63,7 @@ class ViscousTruss(ViscousSprings):
 
 
 def with_dashpots(scenario: Scenario, viscosity: float | None) -> Scenario:
-    """The scenario of a `SpringNetwork` with dashpots of this viscosity, at rest at the start; None: as it is."""
+    """The scenario of a `SpringNetwork` with dashpots of this viscosity, relaxed at the start; None: no change."""
     if viscosity is None:
         return scenario
     size = positive("The viscosity of dashpots", viscosity)

@@ -47,7 +47,7 @@ def test_states_of_any_system_are_those_of_the_whole_trace(name, monkeypatch):
     scenario, settings = NETWORKS[name], {"tc_gauss": {"dt": 0.1}, "tc_gauss_adaptive": {"tolerance": 1e-6}}
     runs = [tcbench.simulate(method, scenario, **more) for method, more in settings.items()]
     assert large(scenario)
-    monkeypatch.setattr(traced, "FEW", 10**6)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", 10**6)
     whole = scenario.replace(name="whole")
     assert not large(whole)
     for run, (method, more), apart in zip(runs, settings.items(), (1e-13, 1e-9), strict=True):

@@ -152,7 +152,7 @@ def test_what_the_series_cannot_do_the_collocations_do(monkeypatch):
     scenario = tcbench.scenarios()["reaction"]
     by_series = truth._Recipe(scenario, (5.0,)).compute()
     without = (tape._Recorder, "functions", lambda self: {})
-    for where, name, value in ((pairs, "MOST", 1), (pairs, "LARGEST", 100), without):
+    for where, name, value in ((pairs, "MAX_STEPS", 1), (pairs, "LARGEST", 100), without):
         with monkeypatch.context() as patch:
             patch.setattr(where, name, value)
             tape.tape.cache_clear()
@@ -174,7 +174,7 @@ def test_series_of_other_equations_than_the_compiled_ones_certify_nothing(monkey
 
 def test_a_solution_that_cannot_be_computed_is_an_error_that_says_where(monkeypatch):
     monkeypatch.setattr(truth, "DEADLINE", 0.0)
-    monkeypatch.setattr(pairs, "MOST", 1)
+    monkeypatch.setattr(pairs, "MAX_STEPS", 1)
     scenario = tcbench.scenarios()["short_term"].replace(coupling=0.22)
     with pytest.raises(ReferenceFailed, match=r"stopped at t = .*smaller t_converge"):
         truth.reference_for(scenario, [1.0])

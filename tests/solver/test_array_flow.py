@@ -25,7 +25,7 @@ LOOPS = "in loops over the elements"
 
 @pytest.fixture(autouse=True)
 def arrays_from_twenty_variables_on(monkeypatch):
-    monkeypatch.setattr(traced, "FEW", 20)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", 20)
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def whole(monkeypatch):
 
     def run(method, scenario, **options):
         with monkeypatch.context() as m:
-            m.setattr(traced, "FEW", 10**6)
+            m.setattr(traced, "ENTRY_BY_ENTRY", 10**6)
             found = tcbench.simulate(method, scenario.replace(name="whole"), **options)
         assert LOOPS not in found.solver.way
         return found

@@ -184,7 +184,7 @@ def test_a_scenario_too_stiff_for_series_has_a_reference_and_one_without_is_left
 
     scenarios = [RANDOM.member(seed="3", t_end="0.5")]
     (before,) = ensemble_runs.references(scenarios)
-    monkeypatch.setattr(pairs, "MOST", 1)
+    monkeypatch.setattr(pairs, "MAX_STEPS", 1)
     (stiff,) = ensemble_runs.references(scenarios)
     assert ensemble_tables.gap(stiff["state"], before["state"]) < 1e-15 and math.isnan(stiff["lyapunov"])
     monkeypatch.setattr(lookup, "SHORT", 0.0)

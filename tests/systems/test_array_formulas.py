@@ -53,7 +53,7 @@ REFUSED = {
 @pytest.mark.parametrize("few", [0, 10**6], ids=["large", "small"])
 @pytest.mark.parametrize("name", EQUAL)
 def test_numbers_are_those_of_numpy(name, few, monkeypatch):
-    monkeypatch.setattr(traced, "FEW", few)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", few)
     system = model(EQUAL[name])
     z = np.cos(1.3 * np.arange(system.size))
     assert system.energy(z) == pytest.approx(float(EQUAL[name](system, system.state(z))), rel=1e-14)
@@ -62,7 +62,7 @@ def test_numbers_are_those_of_numpy(name, few, monkeypatch):
 @pytest.mark.parametrize("few", [0, 10**6], ids=["large", "small"])
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_would_be_taken_for_something_else_is_refused(name, few, monkeypatch):
-    monkeypatch.setattr(traced, "FEW", few)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", few)
     formula, sentence = REFUSED[name]
     system = model(formula)
     with pytest.raises(TcbenchError, match=sentence):
@@ -73,7 +73,7 @@ def test_what_would_be_taken_for_something_else_is_refused(name, few, monkeypatc
 
 def test_a_rate_has_the_components_of_its_variable(monkeypatch):
     """One number for each node was taken for both components of each."""
-    monkeypatch.setattr(traced, "FEW", 0)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", 0)
     body = {"name": "own", "energy": lambda self, z: (z.q**2).sum(), "irreversible": lambda self, z, dE, dS: {"q": z.v}}
     with pytest.raises(TcbenchError, match=r"the rate of 'q' has components \(2,\), and gets \(\)"):
         own = type("Own", (Plain,), body)(ends=[[0, 1]], one=[1], mass=[1.0, 2.0])
@@ -82,14 +82,14 @@ def test_a_rate_has_the_components_of_its_variable(monkeypatch):
 
 @pytest.mark.parametrize("few", [0, 10**6], ids=["large", "small"])
 def test_what_is_empty_sums_to_nothing(few, monkeypatch):
-    monkeypatch.setattr(traced, "FEW", few)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", few)
     kind = type("Own", (Plain,), {"name": "own", "energy": lambda self, z: (z.v * np.exp(self.one.sums(z.s))).sum()})
     system = kind(ends=[], one=[], mass=[1.0, 2.0])
     assert system.energy(np.arange(float(system.size))) == 9.0  # 4 + 5
 
 
 def test_the_largest_of_none_is_not_0(monkeypatch):
-    monkeypatch.setattr(traced, "FEW", 0)
+    monkeypatch.setattr(traced, "ENTRY_BY_ENTRY", 0)
     kind = type("Own", (Plain,), {"name": "own", "energy": lambda self, z: z.b + self.mass.max()})
     assert kind(ends=[], one=[], mass=[]).energy(np.ones(1)) == -np.inf
 
