@@ -13,7 +13,7 @@ import inspect
 import tokenize
 from collections.abc import Callable, Mapping
 from functools import cache, partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pint
@@ -28,6 +28,8 @@ REGISTRY: Any = pint.UnitRegistry(cache_folder=None)
 NONE = REGISTRY.Unit("")
 SHOWN = ("J", "N", "W", "Pa", "Hz", "C", "V", "F", "ohm", "H", "Wb", "T", "S")  # what a product is called that is one
 DEFAULTS = {"energy": "J", "entropy": "J/K", "time": "s"}
+SUMS = ("add", "subtract", "hypot", "maximum", "minimum")  # of one unit, which is that of what they give
+COMPARED = ("arctan2", "less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 OF_SPACES = ("spaces", "n_positions", "n_elements")  # what an instance has of them, beside its tables
 NEGLIGIBLE = 1e-9  # of a ratio of two units: exponents may be sums of fractions
 
@@ -44,12 +46,7 @@ def _ratio(one: Any, other: Any) -> float:
     return float(found.magnitude) if near else 0.0
 
 
-def _one(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Arrays do it entry by entry themselves."""
-    return lambda self, other: NotImplemented if isinstance(other, np.ndarray) else operation(self, other)
-
-
-class Unit:
+class Unit(np.lib.mixins.NDArrayOperatorsMixin):
     """What a formula is run on: a unit; and the number, where one is known, for exponents.
 
     log(a) - log(b) is that of a ratio: a logarithm of a unit may be added, and taken a known number of times; what is
@@ -72,110 +69,84 @@ class Unit:
     def like(self, other: Unit) -> bool:
         return abs(_ratio(self.of, other.of) - 1.0) <= NEGLIGIBLE
 
-    def _sum(self, other: Any, sign: int = 1) -> Unit:
-        if isinstance(other, Unit):
-            if not self.like(other):
-                raise UnitsDiffer(f"{where_in_user_code()}: {self} and {other} are added, subtracted or compared.")
-            return Unit(self.of, logs=self.logs * other.logs**sign, line=self.line or other.line)
-        if other != 0.0 and not self.is_number:  # 0 is that of any unit
-            raise UnitsDiffer(f"{where_in_user_code()}: {self} and the pure number {other} are added or subtracted.")
-        return Unit(self.of, logs=self.logs, line=self.line)
+    def __array_ufunc__(self, ufunc: Any, method: str, *given: Any, **named: Any) -> Any:
+        if method == "__call__" and hasattr(np, ufunc.__name__) and not any(map(np.ndim, given)):
+            return _applied(ufunc.__name__, *given)
+        return getattr(ufunc, method)(*map(_wrapped, given), **named)  # arrays do it entry by entry
 
-    @_one
-    def __add__(self, other: Any) -> Unit:
-        return self._sum(other)
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        """What numpy calls of the entries of an array."""
+        if name not in ("conjugate", "sqrt") and by_numpy(name) is None:
+            raise AttributeError(name)
+        return lambda *others: _applied(name, self, *others)
 
-    __radd__ = __add__
-
-    @_one
-    def __sub__(self, other: Any) -> Unit:
-        return self._sum(other, -1)
-
-    @_one
-    def __rsub__(self, other: Any) -> Unit:
-        return (-self)._sum(other)
-
-    @_one
-    def hypot(self, other: Any) -> Unit:
-        return self._settled()._sum(other)
-
-    def arctan2(self, other: Any) -> Unit:
-        self._settled()._sum(other)
-        return ONE
-
-    def _settled(self) -> Unit:
+    def settled(self) -> Unit:
         """The same, of which no logarithm of a unit is left."""
         if not Unit(self.logs).is_number:
             raise UnitsDiffer(f"{self.line}: the argument of log is a pure number, not {Unit(self.logs)}.")
         return self
 
-    def _times(self, other: Any, sign: int) -> Any:
-        if not isinstance(other, Unit):
-            other = Unit(value=float(other)) if np.ndim(other) == 0 else other
-            if other.value == 0.0 and sign > 0:
-                return 0.0
-        for one, by in ((self, other), (other, self)):
-            if one.logs != NONE and by.value is not None and by.is_number and (sign > 0 or one is self):
-                return Unit(logs=one.logs ** (by.value**sign), line=one.line)
-        return Unit(self._settled().of * other._settled().of ** sign)
-
-    @_one
-    def __mul__(self, other: Any) -> Any:
-        return self._times(other, 1)
-
-    __rmul__ = __mul__
-
-    @_one
-    def __truediv__(self, other: Any) -> Any:
-        return self._times(other, -1)
-
-    @_one
-    def __rtruediv__(self, other: Any) -> Any:
-        return (self**-1) * other
-
-    @_one
-    def __pow__(self, exponent: Any) -> Unit:
-        if isinstance(exponent, Unit):
-            exponent._number("an exponent")
-            exponent = exponent.value
-        if exponent is None and not self.is_number:
-            raise UnitsDiffer(f"{where_in_user_code()}: the power of {self} is no number that is known.")
-        return Unit(self._settled().of ** (exponent or 1.0))
-
-    @_one
-    def __rpow__(self, base: Any) -> Unit:
-        return self._number("an exponent")
-
-    def __neg__(self) -> Unit:
-        return Unit(self.of, logs=self.logs**-1, line=self.line)
-
-    def __abs__(self) -> Unit:
-        return self._settled()
-
-    def __pos__(self) -> Self:
-        return self
-
-    conjugate = __pos__
-
-    def sqrt(self) -> Any:
-        return self**0.5
-
-    def log(self) -> Unit:
-        return Unit(logs=self._settled().of, line=str(where_in_user_code()))
-
-    def exp(self) -> Unit:
-        return Unit(self.logs) if self.is_number else self._number("the argument of exp")
-
-    def __getattr__(self, name: str) -> Callable[[], Unit]:
-        """Other functions are of pure numbers."""
-        if by_numpy(name) is None:
-            raise AttributeError(name)
-        return lambda: self._number(f"the argument of {name}")
-
-    def _number(self, what: str) -> Unit:
-        if not self._settled().is_number:
+    def number(self, what: str) -> Unit:
+        if not self.settled().is_number:
             raise UnitsDiffer(f"{where_in_user_code()}: {what} is a pure number, not {self}.")
         return ONE
+
+
+def _wrapped(x: Any) -> Any:
+    """A unit as an array of no dimension."""
+    if isinstance(x, Unit):
+        (found := np.empty((), dtype=object))[()] = x
+        return found
+    return x
+
+
+def _applied(name: str, *given: Any) -> Any:
+    """What a function of numpy gives of units and numbers; UnitsDiffer where it has none."""
+    a, *others = (x if isinstance(x, Unit) else Unit(value=float(x)) for x in given)
+    if name in (*SUMS, *COMPARED):
+        return _sum(name, given, a, others[0])
+    if name in ("multiply", "divide"):
+        return _product(a, others[0], 1 if name == "multiply" else -1)
+    if name == "power":
+        exponent = (others[0].number("an exponent") and others[0]).value
+        if exponent is None and not a.is_number:
+            raise UnitsDiffer(f"{where_in_user_code()}: the power of {a} is no number that is known.")
+        return Unit(a.settled().of ** (exponent or 1.0))
+    if name == "negative":
+        return Unit(a.of, logs=a.logs**-1, line=a.line)
+    if name in ("positive", "conjugate", "absolute"):
+        return a.settled() if name == "absolute" else a
+    if name == "sqrt":
+        return Unit(a.settled().of ** 0.5)
+    if name == "log":
+        return Unit(logs=a.settled().of, line=str(where_in_user_code()))
+    if name == "exp" and a.is_number:
+        return Unit(a.logs)
+    for x in (a, *others):
+        x.number(f"the argument of {name}")
+    return ONE
+
+
+def _sum(name: str, given: Any, a: Unit, b: Unit) -> Unit:
+    if name not in ("add", "subtract"):
+        a.settled()
+    numbers = [x for x in given if not isinstance(x, Unit)]
+    if not numbers and not a.like(b):
+        raise UnitsDiffer(f"{where_in_user_code()}: {a} and {b} are added, subtracted or compared.")
+    one = b if numbers and not isinstance(given[0], Unit) else a
+    if numbers and numbers[0] != 0.0 and not one.is_number:  # 0 is that of any unit
+        raise UnitsDiffer(f"{where_in_user_code()}: {one} and the pure number {numbers[0]} are added or subtracted.")
+    logs = a.logs * b.logs ** (-1 if name == "subtract" else 1)
+    return Unit(one.of, logs=logs, line=a.line or b.line) if name in SUMS else ONE
+
+
+def _product(a: Unit, b: Unit, sign: int) -> Any:
+    if 0.0 in (a.value, b.value) and sign > 0:
+        return 0.0
+    for one, by in ((a, b), (b, a)):
+        if one.logs != NONE and by.value is not None and by.is_number and (sign > 0 or one is a):
+            return Unit(logs=one.logs ** (by.value**sign), line=one.line)
+    return Unit(a.settled().of * b.settled().of ** sign)
 
 
 ONE = Unit()
@@ -233,7 +204,7 @@ class _Checked:
     def owes(self, name: str, found: Any, wanted: Unit, what: str) -> None:
         """UnitsDiffer where what a formula gives is in another unit than it should be, or some of it."""
         for x in np.ravel(np.asarray(found, dtype=object)):
-            if not (x._settled() if isinstance(x, Unit) else ONE).like(wanted) and not _is_zero(x):
+            if not (x.settled() if isinstance(x, Unit) else ONE).like(wanted) and not _is_zero(x):
                 where = f"{place(getattr(self.kind, name))}: {name}() of {self.kind.__name__}"
                 raise UnitsDiffer(f"{where} gives {what} in {_told(x)}; it is {wanted}.")
 
