@@ -100,16 +100,6 @@ def test_every_page_is_in_the_navigation_and_every_link_leads_somewhere():
             assert (ROOT / target).is_file(), f"{page}.md: {target}"
 
 
-def test_the_public_names_are_in_the_reference():
-    import tcbench
-
-    reference = (ROOT / "docs" / "api.md").read_text()
-    for name in set(tcbench.__all__) - {"hookimpl"}:
-        assert re.search(rf"^::: tcbench(\.\w+)+\.{name}$", reference, re.MULTILINE), (
-            f"{name} is missing in docs/api.md"
-        )
-
-
 @pytest.mark.thorough
 @pytest.mark.skipif(not (find_spec("mkdocs") and find_spec("mkdocstrings")), reason="the extra docs is not installed")
 def test_the_site_builds_without_a_warning(tmp_path):

@@ -74,7 +74,7 @@ WRONG = {
     "a sum": (*of("energy", lambda self, z: z.p @ z.p / 2 + z.s * self.warm), "kg²·m²/s² and J are added"),
     "a pure number": (*of("energy", lambda self, z: self.warm * z.s + 1), "J and the pure number 1"),
     "a function": (*of("energy", lambda self, z: self.warm * self.capacity * np.exp(z.s)), "argument of exp.* not"),
-    "a maximum": (*of("energy", lambda self, z: np.maximum(self.warm, z.s)), "K and J/K are added, subtracted or compared"),
+    "a maximum": (*of("energy", lambda self, z: np.maximum(self.warm, z.s)), "K and J/K are added"),
     "an energy": (*of("energy", lambda self, z: z.p @ z.p), "gives the energy in .*; it is J"),
     "an entropy": (*of("entropy", lambda self, z: z.s / self.capacity), "gives the entropy in a pure number"),
     "a rate": (

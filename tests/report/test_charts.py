@@ -16,7 +16,6 @@ from tiers import tiers
 import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import highlight, page_charts, plot
-from tcbench.report.chart_kinds import kinds
 from tcbench.report.charts import ensemble, ladders, precision, style, theme
 from tcbench.report.charts import runs as time_charts
 from tcbench.report.charts.layout import name_lines, panels, spread
@@ -236,32 +235,10 @@ def test_plot_writes_pictures_of_runs_and_of_a_folder_and_says_what_is_wrong(run
     assert plot.plot("work-precision", folder, out, x="steps", **asked).read_text().count("entropies s") == 1
 
 
-def test_every_kind_of_chart_has_a_study_and_a_text():
-    for kind in kinds().values():
-        assert kind.study and kind.text.endswith(".") and kind.needs
-        assert not kind.possible({}) and not kind.possible({name: pd.DataFrame() for name in kind.needs})
-
-
 def test_a_method_need_not_be_in_every_table_to_be_drawn(tmp_path):
     baseline = Path(__file__).parents[2] / "results" / "baseline"  # its table of blow-ups has the midpoint rules only
     options = {"scenario": "long_term", "methods": ["tc_monolithic"]}
     assert plot.plot("conservation", baseline, tmp_path / "one.png", **options).exists()
-
-
-@pytest.mark.parametrize("name", ["work-precision", "stable-step"])
-def test_the_page_selects_from_a_table_once_and_not_once_a_line(name, monkeypatch):
-    counts = []
-    selected = (pd.DataFrame, "__getitem__"), (pd.Series, "__getitem__"), (pd.Series, "take"), (pd.DataFrame, "take")
-    for methods in (awkward.FIVE, awkward.FORTY):
-        tables, seen = awkward.everything(methods, ["short_term"]), []
-        with monkeypatch.context() as patch:
-            for owner, method in selected:
-                own = getattr(owner, method)
-                patch.setattr(owner, method, lambda *a, own=own, seen=seen, **k: seen.append(1) or own(*a, **k))
-            assert page_charts.panels_of([kinds()[name]], tables, {}, problems := [])
-        assert not problems
-        counts.append(len(seen))
-    assert counts[1] == counts[0]
 
 
 def test_a_large_array_is_a_band_and_not_a_panel_a_number():

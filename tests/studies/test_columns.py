@@ -1,18 +1,11 @@
 """A study says what its tables are; whoever shows or compares columns asks its `Table`."""
 
-import re
-from collections import Counter
-from pathlib import Path
-
 import pytest
 
 from tcbench import Column, Table, TcbenchError
 from tcbench.studies.base import known_tables
-from tcbench.studies.columns import SHARED, column, own_columns, own_tables
+from tcbench.studies.columns import column, own_tables
 from tcbench.table import from_dict
-
-PAGE = (Path(__file__).parents[2] / "docs" / "measures.md").read_text("utf-8")
-NAMED = set(re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", PAGE, flags=re.DOTALL)))
 
 
 @pytest.mark.parametrize("name", ["iterations_saved", "gain_over_time_s", "residual_margin", "errors_found"])
@@ -32,27 +25,12 @@ def test_a_plugins_word_on_its_own_column_is_the_one_that_counts():
     assert column("over_1e-3", bought).short == "error/1e-3" and "tolerance asked for" in column("over_1e-3").label
 
 
-def test_what_tcbench_says_of_a_column_it_says_once():
-    """Two tables with one column of two meanings: a chart would have the label of the wrong one."""
-    told = {}
-    for one in own_columns():
-        meaning = (one.label, one.short, one.unit, one.worse, one.timing, one.good)
-        assert one.name.startswith("*") or told.setdefault(one.name, meaning) == meaning, one.name
-    assert not [name for name, n in Counter(one.name for one in SHARED).items() if n > 1]
-
-
 @pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
 def test_what_a_table_says_of_its_columns_are_columns_of_it(table):
     assert {*table.key, *table.terminal} <= {*table.names, "tolerance"} or not table.columns
     heads = [column(name, table).short for name in table.terminal]
     # "stable" and "unstable" stand twice in the stability table: behind "limit" and behind "plain limit"
     assert len(set(heads)) == len(heads) - (2 if table.name == "stability" else 0)
-
-
-@pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
-def test_the_page_of_measures_names_the_table_and_its_columns(table):
-    shown = {name for name in table.names if column(name, table).shown} - {"seconds", "made"}  # those are in rows
-    assert {table.name, *shown} - NAMED == set()
 
 
 @pytest.mark.parametrize("table", own_tables(), ids=lambda table: table.name)
