@@ -1,8 +1,6 @@
 """Registration: entry points, files, broken plugins, duplicates, families."""
 
 import math
-import os
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -112,12 +110,13 @@ def test_two_plugins_with_one_name_are_refused_with_both_named(tmp_path):
         tcbench.integrators()
 
 
-def test_the_environment_variable_names_folders(tmp_path):
+def test_the_environment_variable_names_folders(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(GOOD)
-    code = "import tcbench; print('mine' in tcbench.integrators())"
-
-    env = os.environ | {"TCBENCH_PLUGINS_DIR": str(tmp_path)}
-    assert subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True).stdout == "True\n"
+    monkeypatch.setenv("TCBENCH_PLUGINS_DIR", str(tmp_path))
+    plugins.forget()
+    assert "mine" in tcbench.integrators()
+    monkeypatch.undo()
+    plugins.forget()
 
 
 def test_families_expand():

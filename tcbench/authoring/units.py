@@ -108,7 +108,8 @@ def _applied(name: str, *given: Any) -> Any:
     if name in ("multiply", "divide"):
         return _product(a, others[0], 1 if name == "multiply" else -1)
     if name == "power":
-        exponent = (others[0].number("an exponent") and others[0]).value
+        others[0].number("an exponent")
+        exponent = others[0].value
         if exponent is None and not a.is_number:
             raise UnitsDiffer(f"{where_in_user_code()}: the power of {a} is no number that is known.")
         return Unit(a.settled().of ** (exponent or 1.0))
