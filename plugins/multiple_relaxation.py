@@ -56,7 +56,7 @@ def runge_kutta(order):
 
 
 def weighed_anew(order):
-    def corrections(z0, z1, h, system, start, first):
+    def corrections(z0, z1, h, system, start, first, moved):
         """Of z1, towards the energy of the run and the entropy that the stages produce, along what they span."""
         states, rates, b = stages(order, start, h, system)
         directions = orthogonal(system, rates, system.magnitudes_of(start) ** 2)
@@ -71,7 +71,8 @@ def weighed_anew(order):
         )
         along = Along(system, [system.gradient(z0), system.entropy_gradient(z0)], combined, AT_REST)
         wanted = system.energy(first), system.entropy(start) + produced
-        return -along.move([wanted[0] - system.energy(z1), wanted[1] - system.entropy(z1)])
+        found = along.before([system.energy(z1), system.entropy(z1)], moved)
+        return moved - along.move([target - f for target, f in zip(wanted, found, strict=True)])
 
     return corrections
 

@@ -41,7 +41,7 @@ from tcbench.solver.mending import (
 from .exact_conduction import VERLET_HEAT4
 from .solver_kinks import stopped_at_kinks
 
-MAX_SLOPES = 10  # slopes in a step: one where little is missed, more of a stiff spring at a long step
+MAX_SLOPES = 20  # slopes in a step: one where little is missed, more of a stiff spring at a long step
 STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
 MOVED, LEAST = 1e3, 1e-11  # a correction may move an output by MOVED tolerances; smaller ones than LEAST count as LEAST
 ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
@@ -73,28 +73,30 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
     return replace(method, **common, step=step, increments=True, march=None)
 
 
-def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
-    """What corrects z1 towards the laws, along slopes at z0. The step began at `start`, the run at `first`."""
-    moved = z0 - start
-    weights = by_variable(system, moved, moved) + STILL * squares(system, z0)
-    return towards(system, z0, z1, start, first, weights)
+def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any, moved: Any) -> Any:
+    """What corrects z1, `moved` so far from the end of a step, towards the laws, along slopes at z0.
+
+    The step began at `start`, the run at `first`.
+    """
+    change = z0 - start
+    weights = by_variable(system, change, change) + STILL * squares(system, z0)
+    return towards(system, z0, z1, start, first, moved, weights)
 
 
-def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any) -> Any:
+def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any, moved: Any) -> Any:
     """The same of a solver's output, the one before being `start`."""
-    return towards(system, z0, z1, start, first, squares(system, z0))
+    return towards(system, z0, z1, start, first, moved, squares(system, z0))
 
 
-def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, weights: Any) -> Any:
+def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, moved: Any, weights: Any) -> Any:
     """To be taken from z1 for the laws of `first`, and the entropy of `start` at least, by the slopes at z0."""
-    entropy = system.entropy(start)
+    entropy, held = system.entropy(start), positions(system, z1)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.entropy_magnitude + abs(entropy))]
-    misses = [target - f for target, f in zip(wanted, laws(system, z1), strict=True)]
-    misses, slopes = (
-        [*(-g for g in positions(system, z1)), *misses],
-        [*position_slopes(system, z0), *gradients(system, z0)],
-    )
-    return -Along(system, slopes, lambda slope: weights * slope).move(misses, at_least=True)
+    slopes = [*position_slopes(system, z0), *gradients(system, z0)]
+    along = Along(system, slopes, lambda slope: weights * slope)
+    found = along.before([*held, *laws(system, z1)], moved)
+    misses = [a - f for a, f in zip([*[0.0] * len(held), *wanted], found, strict=True)]
+    return moved - along.move(misses, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:

@@ -26,9 +26,10 @@ ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not 
 MAX_SLOPES = 10  # corrections of a step, each with new slopes
 
 
-def onto_invariants(z0, z1, h, system, start, first, chosen):
-    """What corrects z1, along slopes at z0, to lie on constraints and to have the energy and the invariants of the
-    first state of the run. The entropy stays that of z0, or is raised to that of `start`, where the step began.
+def onto_invariants(z0, z1, h, system, start, first, moved, chosen):
+    """What corrects z1, `moved` so far from the end of a step, along slopes at z0, to lie on constraints and to have the
+    energy and the invariants of the first state of the run. The entropy stays what it is, or is raised to that of
+    `start`, where the step began.
 
     chosen : (names,) of the invariants to hold; () where a step changes none: then nothing is corrected.
     """
@@ -46,8 +47,9 @@ def onto_invariants(z0, z1, h, system, start, first, chosen):
     along = Along(system, slopes, lambda slope: weights * slope, AT_REST)
     before = system.entropy(start)
     least = before - ROUNDED * (system.entropy_magnitude + abs(before))
-    wanted = [*laws(first)[:-1], maximum(lifted(system.entropy(z0)), lifted(least))]
-    return -along.move([target - f for target, f in zip(wanted, laws(z1), strict=True)])
+    found = along.before(laws(z1), moved)
+    wanted = [*laws(first)[:-1], maximum(lifted(found[-1]), lifted(least))]
+    return moved - along.move([target - f for target, f in zip(wanted, found, strict=True)])
 
 
 def those_that_move(system):

@@ -47,14 +47,16 @@ class Flow:
         What the formula has to know of a system as a whole: chosen(system), of one with symbols for constants, is
         hashable and the formula's last argument; () of a formula with `most`: there is nothing to mend.
     of_step : bool
-        The formula has two more arguments, states (q, p, s): the one at the start of the whole step, before its first
+        The formula has two more arguments, states (q, p, s): that at the start of the whole step, before its first
         flow, and the first one of the run (of which it may use constants of the motion only: a step has no memory).
     memory : int
         Earlier states that the formula sees; set by the Integrator.
     most : int
-        Above 1 the formula ends a step by corrections: what it returns is taken from z1, which begins as z0, up to
-        three times; and so anew from there, `most` times at most, until the state has the energy and the invariants of
-        the run's first state and no less entropy than before the step. If it never has, the step fails.
+        Above 1 the formula ends a step by corrections, with one more argument, moved: z1 is as far from where the step
+        ended. What it returns is taken from z1, which begins as z0, once or twice; and so anew from there, where moved
+        is 0, `most` times at most, until the state has the energy and the invariants of the run's first state and no
+        less entropy than before the step. If it never has, the step fails. The first z0 is where corrections of the
+        last steps let this one expect to end: of what a formula takes back of moved, it makes the shortest move again.
 
     Raises
     ------

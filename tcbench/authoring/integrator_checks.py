@@ -16,6 +16,7 @@ from ..compiler import derivatives as trace
 from ..integrator import Flow, Integrator
 from ..simulation.run import simulate
 from ..simulation.trajectory import Trajectory
+from ..solver.equations import states_of
 from ..solver.formula import called
 from ..solver.quotients import REMEDY, zero_over_zero
 from ..systems.as_written import place
@@ -152,7 +153,7 @@ def _overwrites(flow: Flow, model: System) -> bool:
     states = [system.state(trace.variables("z", model.size)) for _ in range(given + flow.memory)]
     start = system.state(trace.variables("start", model.size))
     before = [list(state) for state in states]
-    extra = [*([states[2:given]] if flow.stages else []), *([start, start] if flow.of_step else [])]
+    extra = [*([states[2:given]] if flow.stages else []), *([start] * states_of(flow) if flow.of_step else [])]
     extra += [tuple(states[given:])] if flow.memory else []
     called(flow, [states[0], states[1], trace.variable("h"), system, *extra, *known])
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))

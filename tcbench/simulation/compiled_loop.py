@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, late, rare
+from ..compiler.language import Address, Floats, Ints, Matrix, call, copy_into, fill, late, rare
 from ..compiler.library import Library
 from ..compiler.records import Record, Rows, address_of, sized
+from ..solver.equations import MOVED
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import BLOWUP, COLD, COLLAPSED, NO_AUDIT, NONFINITE, OK, PRINCIPAL, solve_flow
 from ..solver.linear_algebra import add_increments, move
@@ -16,8 +17,11 @@ from ..solver.quick_sparse import quick_sparse
 
 E, S, FIRST_INVARIANT = 0, 1, 2  # in a row of observables
 FIRST, BEFORE, NOW = range(3)  # rows of `observables`
-CONVERGED = 1e-22  # relative error that corrections may leave: small numbers of a state show in its energy
+# relative error that corrections may leave: `missed` tells of laws if it is more than round-off; of constraints nobody
+# looks, and small numbers of a state may show it
+LITTLE, CERTAIN = 1e-16, 1e-22
 NOT_ZERO = 1e-300  # square of a state
+TELLING = 0.1  # square of a third difference over that of the last correction: more of it tells nothing of the next
 SHARE, ROUGH = 1e-4, 1e-9  # error of a step's root, over its correction; and at most, scaled
 
 
@@ -28,6 +32,7 @@ class Run(Record):
     n_flows: int  # flows that are solved; one of corrections may follow them
     n_elements: int  # temperatures: the first of the observables that must stay positive
     n_invariants: int
+    n_mended: int  # length of a state that corrections move, or 0
     n_observables: int
     n_constants: int
     n_others: int
@@ -49,9 +54,8 @@ class Run(Record):
     flows: Rows[CompiledFlow]
     tally: Tally
     c: Floats = sized("n_constants")
-    others: Matrix = sized(
-        "n_others", "n"
-    )  # states at the start of the step and of the run, or slopes of earlier steps
+    others: Matrix = sized("n_others", "n")  # its end: see `implicit_step.constants_of`
+    past: Matrix = sized("3", "n_mended")  # what corrections moved last, and its backward differences
     opened: Floats = sized("n_observables")  # a part of w of the first flow, where `opening` writes them
     z: Floats = sized("n")
     carry: Floats = sized("n")  # low parts of z: compensated summation
@@ -203,37 +207,63 @@ def measure_residual(flow: CompiledFlow) -> None:
 
 
 @late
-def mended(run: Run, z: Floats, after: Floats, trial: Floats, now: Floats) -> bool:
+def mended(run: Run, z: Floats, after: Floats, now: Floats) -> bool:
     """Correct the end `after` of a step from z until it has the laws, and open it. False where that fails.
 
-    k corrections with the same slopes leave an error c^(k + 1) of a change c. All arrays are of shape (n,)."""
+    All arrays are of shape (n,). The first correction has slopes where it is expected to lead. One that leads c away from its slopes leaves c^2, and
+    one more along the same leaves c^3: it costs a third.
+    """
     flow, first, entropy = run.flows[run.n_flows], run.observables[FIRST], run.observables[BEFORE, S]
-    left, before = np.inf, np.inf
+    expected, moved, left, before = run.others[MOVED], flow.dz, np.inf, np.inf
+    near = CERTAIN if run.flows[0].constrained else LITTLE
+    flow.c[0] = flow.h
+    for i in range(run.n):
+        moved[i] = expected[i]
+        after[i] += moved[i]
     for k in range(1, flow.most + 1):
-        flow.c[0] = flow.h
+        if k == 2:  # what the first has led to is corrected further, not begun anew
+            fill(expected, 0.0)
         call(flow.prologue, after, flow.c, flow.w)
-        change = (flow.w[run.n] / max(flow.w[run.n + 1], NOT_ZERO)) ** 0.5
+        change, step = flow.w[run.n] / max(flow.w[run.n + 1], NOT_ZERO), flow.w
         if not change < np.inf:
             return False
-        if k == 1:
-            for i in range(run.n_flows):
-                run.flows[i].foreseen.enough = min(ROUGH, SHARE * change)
-        square = change * change
-        near = square * change <= CONVERGED
-        if near and square > CONVERGED:
+        done = change <= near
+        if not done and change * change * change <= near * near:
             call(flow.polish, flow.w, flow.w, flow.d)
-            move(after, trial, flow.d, after, trial)
-        else:  # where two corrections leave too much, new slopes cost less than a third
-            move(after, trial, flow.w, after, trial)
-        if near or k == flow.most:
+            done, step = True, flow.d
+        for i in range(run.n):
+            moved[i] += step[i]
+            after[i] += step[i]
+        if done or k == flow.most:
             open_step(run, after)
             before, left = left, missed(now, first, entropy, run.allowed)
-            if left <= 1.0:
-                return True
-            if not left < SHRUNK * before:
+            if left <= 1.0 or not left < SHRUNK * before or k == flow.most:
                 break
             copy_into(run.others[0], z)
-    return rounded(run, now, entropy)
+    expect(run, moved, max(flow.w[run.n + 1], NOT_ZERO))
+    return left <= 1.0 or rounded(run, now, entropy)
+
+
+def expect(run: Run, moved: Floats, size: float) -> None:
+    """From what corrections have moved in a step to what they will in the next: where a cubic through the last four
+    points to, if they tell, as they do not beside a kink. size: square of the state.
+    """
+    expected, past, whole, error = run.others[MOVED], run.past, 0.0, 0.0
+    for i in range(run.n):
+        move = moved[i]
+        first = move - past[0, i]
+        second = first - past[1, i]
+        third = second - past[2, i]
+        past[0, i] = move
+        past[1, i] = first
+        past[2, i] = second
+        expected[i] = move + first + second + third
+        whole += move * move
+        error += third * third
+    for k in range(run.n_flows):
+        run.flows[k].foreseen.enough = min(ROUGH, SHARE * (whole / size) ** 0.5)
+    if not error < TELLING * whole:
+        fill(expected, 0.0)
 
 
 @rare
@@ -297,6 +327,10 @@ def march(run: Run, start: int, stop: int) -> int:
     if start == 0:
         for k in range(run.n_flows):
             forget(run.flows[k])
+        if run.mends:
+            fill(run.others[MOVED], 0.0)
+            for k in range(3):
+                fill(run.past[k], 0.0)
     open_step(run, z)
     for step in range(start + 1, stop + 1):
         reason, iterations = one_step(run, z, carry, after, trial)
@@ -307,7 +341,7 @@ def march(run: Run, start: int, stop: int) -> int:
             remember(run, z, after)
         if not run.mends:
             open_step(run, after)
-        elif not mended(run, z, after, trial, now):
+        elif not mended(run, z, after, now):
             reason = NONFINITE
             break
         reason = admitted(run, now)  # increments are finite: see newton.finish

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..compiler.records import Rows
 from ..integrator import Integrator
+from ..solver.equations import states_of
 from ..solver.flow import CompiledFlow, Tally
 from ..solver.implicit_step import Rules, make_flows, set_length
 from ..solver.kernels_of_flow import FlowKernels
@@ -42,7 +43,7 @@ class Prepared:
     ) -> None:
         self.free = free if model.size <= LARGE else None
         observe, n_observables = model.observer
-        states = 0 if method is None else method.memory or 2
+        states = 0 if method is None else method.memory or max(map(states_of, method.flows or ()), default=0)
         count = len(model.constant_values)
         c, self.tally = np.ones(count + states * model.size), Tally()
         c[:count] = model.constant_values
@@ -50,15 +51,16 @@ class Prepared:
         self.others = c[count:].reshape(-1, model.size)  # one state a row
         self.rules, self.bound = Rules(), math.inf
         self.flows: list[tuple[CompiledFlow, FlowKernels, float]] = []
-        fields: dict[str, Any] = {}
+        fields: dict[str, Any] = {"n_mended": 0}
         if method is not None:
             opening, n_fixed = kernels[0].opening, kernels[0].opening.size - n_observables
             rows = Rows(make_flows(method, model, math.inf, 1.0, c, self.tally, self.rules, kernels))
-            fields = {
+            fields |= {
                 "opening": opening.address, "opened": rows[0].w[n_fixed : opening.size],
                 "n_flows": len(kernels) - (method.flows[-1].most > 1),
                 "of_step": any(flow.of_step for flow in method.flows), "memory": method.memory, "flows": rows,
-                "mends": kernels[-1].mends, "holds": "angular_momentum" in method.claims,
+                "mends": kernels[-1].mends, "n_mended": model.size * kernels[-1].mends,
+                "holds": "angular_momentum" in method.claims,
             }  # fmt: skip
             self.flows = [(*pair, f.fraction) for *pair, f in zip(rows.records, kernels, method.flows, strict=True)]
         self.run = Run(

@@ -21,14 +21,22 @@ from .first_values import sizes_of
 from .formula import called, checked_rows, further, numbered
 from .reduction import Reduction, reduce, reduce_arrays
 
+MOVED = 2  # place of what corrections have moved among the states that a formula is given beside z0 and z1
+
+
+def states_of(flow: Flow) -> int:
+    """How many these are, of a one-step method."""
+    return MOVED + (flow.most > 1)
+
 
 @dataclass
 class Equations:
     """What is solved in a step of length h from z0, and what is made of the unknowns.
 
-    start : states at the start of step and run, or slopes of earlier ones. d : increments, those of stages behind.
-    dz : increments of the state. again : those after one more correction, of `Flow.most`. positive : temperatures among
-    the unknowns. inverse_sizes : 1/size of each increment, impulse and number.
+    start : states at the start of step and run, and what corrections have moved; or slopes of earlier steps. d :
+    increments, those of stages behind. dz : increments of the state. again : those after one more correction along the
+    same slopes, of `Flow.most`. positive : temperatures among the unknowns. inverse_sizes : 1/size of each increment,
+    impulse and number.
     """
 
     h: Symbol
@@ -53,7 +61,7 @@ def equations_of(flow: Flow, system: Any) -> Equations:
     h, z0 = trace.variable("h"), unknowns("z")
     steps = [unknowns(f"d{k}") for k in range(1 + flow.stages)]
     y0 = system.in_variables(flow.variables, z0)
-    start = [unknowns(f"start{k}") for k in range(flow.memory or 2)]
+    start = [unknowns(f"start{k}") for k in range(flow.memory or states_of(flow))]
     d, view, impulses = entries(*steps), system, list[Symbol]()
     pulls = system.multipliers and not flow.of_step
     if pulls:
@@ -63,9 +71,9 @@ def equations_of(flow: Flow, system: Any) -> Equations:
     found, equations = _rows(flow, view, y0, h, steps, more)
     rows, again = checked_rows(flow, found, d), list[Symbol]()
     if flow.most > 1:
-        again = [trace.sub(x, row) for x, row in zip(d, rows, strict=True)]
-        once = trace.substitute(again, dict.fromkeys(d, const(0.0)))
-        rows = [trace.sub(x, move) for x, move in zip(d, once, strict=True)]
+        ends = [trace.sub(x, row) for x, row in zip(d, rows, strict=True)]
+        once, again = (trace.substitute(ends, dict.fromkeys(x, const(0.0))) for x in (d, entries(start[MOVED])))
+        rows = [trace.sub(x, end) for x, end in zip(d, once, strict=True)]
     rows = normalised(rows, d, h)
     sizes = sizes_of(system, y0, z0, flow.variables)
     if system.by_array and any(row.space not in (NUMBER, s.space) for row, s in zip(rows, d, strict=True)):

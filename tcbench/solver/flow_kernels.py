@@ -83,8 +83,8 @@ def _build(flow: Flow, sym: System) -> FlowKernels:
     opening = [*fixed, *hoisted, *sym.observe(eq.z0)]
     # of an explicit flow the step size is constant as well; where Newton works, continuation varies it
     behind = placed("b", start, sym.n_constant_values)
-    first: list[Symbol] = list(start[n:]) if flow.of_step else []  # the state at the start of the run is constant, too
-    varying = start[: len(start) - len(first)]
+    first: list[Symbol] = list(start[n : 2 * n]) if flow.of_step else []  # that of the run is constant, too
+    varying = start[:n] + start[2 * n :] if flow.of_step else start
     fixed_constants = constant_part(opening, [*entries(eq.z0), *varying, *([h] if x else [])])
     known = {h: "b[0]", **sym.constant_symbols()}
     prologue_inputs = placed("a", entries(eq.z0)) | known | behind | placed("out", fixed_constants, len(opening))
@@ -193,7 +193,7 @@ def correction(flow: Flow, system: System, start: Any, end: Any, first: Any) -> 
     kernels = _CORRECTIONS.get(key) or build(flow, system)
     if key[-1] is not None:
         _CORRECTIONS[key] = kernels
-    return kernels.prepared(end, constants(system, 0.0, start, first))[: len(end)]
+    return kernels.prepared(end, constants(system, 0.0, start, first, np.zeros(len(end))))[: len(end)]
 
 
 def _size(sizes: Sequence[Symbol], terms: Sequence[Symbol]) -> Symbol:

@@ -20,7 +20,8 @@ from ..systems.system import System
 
 
 def further(flow: Flow, system: System, z0: Any, h: Symbol, start: Any) -> list[Any]:
-    """The last arguments of a formula: states at the start of the step and the run, or those of earlier steps.
+    """The last arguments of a formula: states at the start of the step and the run, and what corrections have moved; or
+    states of earlier steps.
 
     Of an earlier state what is known is its slope, v = (state - z0)/h of the whole step: as z0 + h v it comes to z0
     when a solver follows the root from h = 0.
@@ -95,8 +96,11 @@ def _other_arguments(flow: Flow, arguments: Sequence[Any]) -> str:
     except ValueError:  # of a builtin
         return ""
     except TypeError:
-        further = ["stages"] * bool(flow.stages) + ["start", "first"] * flow.of_step + ["before"] * bool(flow.memory)
-        further += ["numbers"] * bool(flow.numbers) + ["chosen"] * (flow.chosen is not None)
+        names = {
+            "stages": flow.stages, "start": flow.of_step, "first": flow.of_step, "moved": flow.most > 1,
+            "before": flow.memory, "numbers": flow.numbers, "chosen": flow.chosen is not None,
+        }  # fmt: skip
+        further = [name for name, told in names.items() if told]
         given = ", ".join(["z0", "z1", "h", "system", *further])
         return f"{_file(flow.residual)}: the residual {flow.residual.__name__!r} takes ({given}); yours takes {taken}."
     return ""

@@ -132,10 +132,10 @@ def _compiled_flows(
 
 
 def constants_of(integrator: Integrator, scenario: Scenario) -> np.ndarray:
-    """(h, constants, the magnitudes of the variables, two states: those at the start of the step and of the run); of a
-    multistep method, in place of the states, the slopes (earlier state - z)/h."""
+    """(h, constants, the magnitudes of the variables, two states: those at the start of the step and of the run, and
+    what corrections have moved); of a multistep method, in place of the states, the slopes (earlier state - z)/h."""
     z0 = scenario.z0
-    further = [np.zeros(integrator.memory * len(z0))] if integrator.memory else [z0, z0]
+    further = [np.zeros(integrator.memory * len(z0))] if integrator.memory else [z0, z0, np.zeros(len(z0))]
     return constants(scenario.model, 0.0, *further)
 
 

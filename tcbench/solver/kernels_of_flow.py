@@ -32,7 +32,7 @@ class FlowKernels:
     full(w, x) -> (residual[nx], Jacobian[nx * nx], d residual/dh[nx])
 
     Of corrections (`Flow.most`) w begins with z1 - z0 after one of them, its square and that of z0; polish(w, z1 - z0)
-    is that after one more.
+    is that after one more along the same slopes.
 
     Where the Jacobian is sparse, iterate gives (residual[nx], entries[nnz], thetas[npos]), polish (residual[nx],
     thetas[npos]), and full, which few runs need and which is compiled when it is first called, (d residual/dh[nx]);

@@ -87,6 +87,7 @@ class Along:
     """
 
     def __init__(self, system: System, slopes: Sequence[Any], turned: Turned, at_rest: float = DEPENDENT) -> None:
+        self.system, self.slopes = system, slopes
         self.weighed = [turned(slope) for slope in slopes]
         self.lower: list[dict[int, Symbol]] = []  # of each law the shares of earlier ones
         self.inverse: list[Symbol] = []
@@ -104,6 +105,10 @@ class Along:
             square = whole - sum((x * row[i] for i, x in self.lower[k].items()), const(0.0))
             least = (at_rest if k == len(slopes) - 1 else DEPENDENT) * whole + TINY
             self.inverse.append(square / (square * square + least * least))
+
+    def before(self, here: Sequence[Any], moved: Any) -> list[Any]:
+        """The laws, now as they are `here`, before a state was moved, to first order."""
+        return [f - product(self.system, slope, moved) for f, slope in zip(here, self.slopes, strict=True)]
 
     def move(self, misses: Sequence[Any], at_least: bool = False) -> Any:
         """misses: of the first laws, or all. at_least: of the last one, the entropy, only what is too little is made up

@@ -21,7 +21,7 @@ SHORTER = 2.0**-20  # of the step
 def finite_at_rest(kernels: FlowKernels, memory: int, system: System, z: Any, h: float) -> bool:
     """Has the compiled formula its value and its derivatives at z1 = z0 = z? Then it divides nothing by 0 there, and a
     run on plain numbers, which takes a thousand times as long, has nothing to find."""
-    further = [np.zeros(memory * len(z))] if memory else [z, z]
+    further = [np.zeros(memory * len(z))] if memory else [z, z, np.zeros(len(z))]
     w = kernels.prepared(z, constants(system, h, np.ones(len(system.variables)), *further))
     still = np.zeros(max(1, kernels.n_unknowns))
     return bool(np.all(np.isfinite(kernels.linear(w, still))) and np.all(np.isfinite(kernels.finish(w, still))))
@@ -42,6 +42,7 @@ def _invalid(flow: Flow, system: System, z: Any, h: float) -> str:
     arguments: list[Any] = [*states[:2], h, system]
     arguments += [states[2 : 2 + flow.stages]] if flow.stages else []
     arguments += [tuple(states[-flow.memory :])] if flow.memory else states[-2:] if flow.of_step else []
+    arguments += [np.zeros(len(z))] * (flow.most > 1)
     try:
         with np.errstate(all="ignore", invalid="raise", over="raise"):
             flow.residual(*arguments)

@@ -129,7 +129,7 @@ def test_the_entropy_is_held_where_it_would_fall(grown):
 def to_sphere(part):
     """Of a rigid body: that part of the way onto the sphere of its angular momentum, and no thought for the energy."""
 
-    def formula(z0, z1, h, system, start, first):
+    def formula(z0, z1, h, system, start, first, moved):
         x, there = np.asarray(z0), np.asarray(first)
         return z1 - z0 - part * (np.sqrt((there @ there) / (x @ x)) - 1.0) * x
 

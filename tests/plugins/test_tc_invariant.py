@@ -84,3 +84,22 @@ def test_corrections_of_a_large_system_have_the_memory_that_they_write_to():
     flows = compiled_flows(tcbench.plugins.find_integrator("tc_invariant").flows, OF["angle_beam"].model.symbolic)
     (correction,) = (k for k in flows if k.mends)
     assert correction.polish.room > 0 and correction.fields["nd"] >= correction.polish.size + correction.polish.room
+
+
+def test_a_correction_begins_where_those_of_earlier_steps_lead():
+    """To a tenth of it; and where nothing is known of them, where the step ended."""
+    from tcbench.simulation.compiled_loop import LOOPS
+    from tcbench.simulation.prepared import Rules, take
+    from tcbench.solver.equations import MOVED
+    from tcbench.solver.implicit_step import compiled_flows
+
+    scenario, method = OF["attitude"], tcbench.plugins.find_integrator("tc_invariant")
+    ready = take(method, scenario.model, compiled_flows(method.flows, scenario.model.symbolic))
+    run = ready.start(scenario, scenario.dt, 21, 1, Rules())
+    LOOPS.begin(run)
+    LOOPS.march(run, 0, 1)
+    assert not run.others[MOVED].any() and run.past[0].any()
+    LOOPS.march(run, 1, 20)
+    expected = run.others[MOVED].copy()
+    LOOPS.march(run, 20, 21)
+    assert np.linalg.norm(run.past[0] - expected) < 0.1 * np.linalg.norm(expected)
