@@ -27,8 +27,8 @@ MAX_SLOPES = 10  # corrections of a step, each with new slopes
 
 
 def onto_invariants(z0, z1, h, system, start, first, moved, chosen):
-    """What corrects z1, `moved` so far from the end of a step, along slopes at z0, to lie on constraints and to have the
-    energy and the invariants of the first state of the run. The entropy stays what it is, or is raised to that of
+    """What corrects z1, `moved` so far from the end of a step, along slopes at z0, to lie on constraints and to have
+    the energy and the invariants of the first state of the run. The entropy stays what it is, or is raised to that of
     `start`, where the step began.
 
     chosen : (names,) of the invariants to hold; () where a step changes none: then nothing is corrected.
