@@ -210,8 +210,8 @@ def measure_residual(flow: CompiledFlow) -> None:
 def mended(run: Run, z: Floats, after: Floats, now: Floats) -> bool:
     """Correct the end `after` of a step from z until it has the laws, and open it. False where that fails.
 
-    All arrays are of shape (n,). The first correction has slopes where it is expected to lead. One that leads c away from its slopes leaves c^2, and
-    one more along the same leaves c^3: it costs a third.
+    All arrays are of shape (n,). The first correction has slopes where it is expected to lead. One that leads c away
+    from its slopes leaves c^2, and one more along the same leaves c^3: it costs a third.
     """
     flow, first, entropy = run.flows[run.n_flows], run.observables[FIRST], run.observables[BEFORE, S]
     expected, moved, left, before = run.others[MOVED], flow.dz, np.inf, np.inf
