@@ -36,11 +36,11 @@ class Recurrences(Generic[X]):
     def key(self, x: X, n: int, what: str) -> Hashable:
         return id(x), n, what
 
-    def once(self, x: X, n: int, what: str, make: Callable[[], Any]) -> Any:
+    def once(self, x: X, n: Any, what: str, make: Callable[[Any], Any]) -> Any:
         key = self.key(x, n, what)
         if key not in self.made:
             self.begun.add(key)
-            self.made[key] = make()
+            self.made[key] = make(n)
         return self.made[key]
 
     def of_kind(self, x: X, kind: str, n: int) -> Any:
@@ -65,14 +65,14 @@ class Recurrences(Generic[X]):
 
     def _slope(self, x: X) -> Of:
         """n times coefficient n."""
-        return lambda n: self.times(float(n), self.value(x, n))
+        return lambda n: self.once(x, n, "slope", lambda n: self.times(n, self.value(x, n)))
 
     def times(self, weight: float, value: Any) -> Any:
         return value if value is None or weight == 1.0 else self.scaled(weight, value)
 
     def _divided(self, newest: Any, known: Any, inverse: Any, n: int = 1) -> Any:
         """(n newest - known) times the inverse; from `newest` on, one operation."""
-        return self.summed([], [(newest, self.times(float(n), inverse)), (known, self.scaled(-1.0, inverse))])
+        return self.summed([], [(newest, self.times(n, inverse)), (known, self.scaled(-1.0, inverse))])
 
     def _product(self, x: X, n: int) -> Any:
         a, b = self.parts(x)
@@ -84,13 +84,15 @@ class Recurrences(Generic[X]):
         return self.convolution(n, self._of(a), self._of(b), newest)
 
     def _square(self, a: X, n: int) -> Any:
-        """Each product of two different coefficients is in it twice; it is the one known longer that is doubled."""
         if n == 0:
             return self.sum_of([(self.value(a, 0),) * 2])
-        older = [(self.times(2.0, self.value(a, j)), self.value(a, n - j)) for j in range(1, (n + 1) // 2)]
-        if n % 2 == 0:
-            older.append((self.value(a, n // 2),) * 2)
-        return self.summed(older, [(self.times(2.0, self.value(a, 0)), self.value(a, n))])
+        return self.summed(self.squared(n, self._of(a)), [(self.times(2.0, self.value(a, 0)), self.value(a, n))])
+
+    def squared(self, n: Any, a: Of) -> list[tuple[Any, ...]]:
+        """Products that add up to the sum of a(j) a(n - j), j = 1 .. n - 1: each of two different coefficients is in that
+        twice, and it is the one known longer that is doubled."""
+        older = [(self.times(2.0, a(j)), a(n - j)) for j in range(1, (n + 1) // 2)]
+        return [*older, (a(n // 2),) * 2] if n % 2 == 0 else older
 
     def _quotient(self, x: X, n: int) -> Any:
         """(u_n - sum_(0<j<=n) v_j q_(n-j)) / v_0: one operation from the newest of u on, and from that of v."""
@@ -106,7 +108,7 @@ class Recurrences(Generic[X]):
     def log_rate(self, x: X, n: int) -> Any:
         """n times coefficient n of log u: (n u_n - sum_(0<j<n) (j l_j) u_(n-j)) / u_0."""
 
-        def make() -> Any:
+        def make(n: Any) -> Any:
             (u,) = self.parts(x)
             known = self.convolution(n, lambda j: self.log_rate(x, j), self._of(u), [])
             return self._divided(self.value(u, n), known, self.over(1.0, self.value(u, 0)), n)
@@ -136,23 +138,23 @@ class Recurrences(Generic[X]):
     def _turned(self, u: X, n: int, what: str) -> Any:
         """Coefficient n of sin u, cos u, sinh u or cosh u: each is its partner's rate."""
 
-        def make() -> Any:
+        def make(n: Any) -> Any:
             if n == 0:
                 return self.function(what, self.value(u, 0))
             other, sign = PARTNERS[what]
-            older = [(self._slope(u)(j), self._turned(u, n - j, other)) for j in range(1, n)]
-            return self.summed(older, [(self.times(sign, self.value(u, n)), self._turned(u, 0, other))], sign / n)
+            newest = [(self.times(sign, self.value(u, n)), self._turned(u, 0, other))]
+            return self.convolution(n, self._slope(u), lambda n: self._turned(u, n, other), newest, sign / n)
 
         return self.once(u, n, what, make)
 
     def _bell(self, u: X, sign: float) -> Of:
         """Coefficients of 1 - u^2 or 1 + u^2."""
 
-        def bell(n: int) -> Any:
+        def make(n: Any) -> Any:
             square = self.times(sign, self._square(u, n))
             return square if n else self.plus(1.0, square)
 
-        return bell
+        return lambda n: self.once(u, n, f"bell{sign}", make)
 
     def _tanh(self, x: X, n: int) -> Any:
         (u,) = self.parts(x)

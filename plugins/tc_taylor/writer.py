@@ -31,7 +31,7 @@ class Writer(Gathering, Recurrences[Pack]):
         return self.packs.parts(x)
 
     def scaled(self, weight: float, value: str) -> str:
-        return self.name(f"-{value}" if weight == -1.0 else f"{weight!r} * {value}")
+        return self.name(f"-{value}" if weight == -1.0 else f"{float(weight)!r} * {value}")
 
     def plus(self, number: float, value: str | None) -> str:
         return self.name(f"{number!r} + {value or '0.0'}")
@@ -59,7 +59,7 @@ class Writer(Gathering, Recurrences[Pack]):
     def value(self, pack: Pack, n: int) -> str | None:
         """Name of coefficient n of a pack of any series."""
 
-        def make() -> str | None:
+        def make(n: int) -> str | None:
             if self.packs.home.get(id(pack[0]), ((), 0))[0] == pack:
                 return self.of_kind(pack, pack[0].kind, n)
             if len({self.packs.steps(x) for x in pack}) == 1:  # else some lanes may be wanted before others are known

@@ -7,8 +7,9 @@ piece of machine code serves a system of any size, and what works on a small one
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count
 from types import MappingProxyType
 from typing import Any
 
@@ -20,10 +21,11 @@ from .array_loops import WHOLE, Loop, Place
 from .array_mesh import ENTRIES, Block, Mesh, Shorts
 from .arrays import LINEAR, NUMBER, Path, collect
 from .derivatives import Substitution, topological
-from .kernels import Kernel, literal, written
+from .kernels import Kernel, literal, text_of, written
 from .symbols import Symbol
 
 CHEAP = ("add", "sub", "mul", "neg")
+LANES = 4  # entries that stand side by side in a record: a short vector of AVX2, and of AVX-512 the half of one
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
 
 
@@ -37,13 +39,15 @@ class ArrayKernel:
     outputs: Sequence[Block]
     arrays: list[str]  # spaces of the intermediate arrays
     behind: bool  # do they stand behind the outputs? Else memory is asked for at each call
+    rows: Mapping[str, int] = field(default_factory=dict)  # of the records of each space, behind those: `array_orders`
 
     def kernel(self, mesh: Mesh, places: Sequence[Shorts] = (), extra: int = 0) -> Kernel:
         """places: of the terms of a Jacobian, where in its entries they are; extra: room behind the outputs."""
         offsets = {letter: mesh.offsets(blocks) for letter, blocks in self.inputs.items()}
         out = offsets["out"] = mesh.offsets(self.outputs)
         size = out[-1] + extra
-        offsets["s"] = np.cumsum([size * self.behind, *map(mesh.size, self.arrays)]).tolist()
+        records = [rows * _padded(mesh, x) for x, rows in self.rows.items()]
+        offsets["s"] = np.cumsum([size * self.behind, *map(mesh.size, self.arrays), *records]).tolist()
         rows: list[Any] = []
         start, numbers = len(self.head), []
         for what, *which in self.head:
@@ -51,15 +55,33 @@ class ArrayKernel:
                 numbers.append(offsets[which[0]][which[1]])
             elif what == "size":
                 numbers.append(mesh.size(which[0]))
-            else:  # a path, or the places of a loop's terms side by side, as it reads them
+            elif what == "padded":
+                numbers.append(_padded(mesh, which[0]))
+            elif what == "rows":
+                numbers.append(self.rows[which[0]])
+            elif what == "record":
+                numbers.append(offsets["s"][len(self.arrays) + list(self.rows).index(which[0])])
+            else:
                 numbers.append(start)
-                path = what == "path"
-                rows.append(mesh.along(which[0]).clip(0) if path else np.stack([places[k] for k in which], 1).ravel())
+                rows.append(self._row(mesh, places, what, which))
                 start += len(rows[-1])
         if max(start, size, *(each[-1] for each in offsets.values())) >= 2**31:
             raise MachineError("A system has more entries than whole numbers of 32 bits can tell: make it smaller.")
         table = np.concatenate([numbers, *rows, [0]], dtype=np.int32, casting="unsafe")
         return Kernel(self.text, size, table, offsets["s"][-1] - size if self.behind else 0)
+
+    def _row(self, mesh: Mesh, places: Sequence[Shorts], what: str, which: Sequence[Any]) -> Any:
+        """A path: where it leads, as numbers or as places in records; or the places of a loop's terms side by side."""
+        if what == "places":
+            return np.stack([places[k] for k in which], 1).ravel()
+        found = mesh.along(which[0]).clip(0)
+        if what == "path":
+            return found
+        sizes = np.array([mesh.size(x) for x in which[0][-1].target.split("+")])
+        room = np.cumsum(-sizes % LANES) - -sizes % LANES  # that is left in the records before each part
+        found += room[np.searchsorted(np.cumsum(sizes), found, "right")]
+        lane = found % LANES
+        return np.pad((found - lane) * self.rows[which[1]] + lane, (0, -len(found) % LANES))
 
 
 def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], behind: bool = False) -> ArrayKernel:
@@ -68,7 +90,7 @@ def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block]
     behind: out has room there for intermediate arrays. A large one that is asked for is new to the machine at each
     call: of a chain of 100,000 masses a third of the time went into its pages.
     """
-    return _Writer(inputs, outputs, (), -1, behind).written()
+    return Writer(inputs, outputs, (), -1, behind).written()
 
 
 def jacobian_kernel(
@@ -76,20 +98,21 @@ def jacobian_kernel(
     last: Sequence[Block], behind: bool = False,
 ) -> ArrayKernel:  # fmt: skip
     """The same with the entries of a Jacobian, to which the terms are added up, between other outputs."""
-    return _Writer(inputs, [*before, Block(ENTRIES, (None,)), *last], terms, len(before), behind).written()
+    return Writer(inputs, [*before, Block(ENTRIES, (None,)), *last], terms, len(before), behind).written()
 
 
 def _wanted(outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]) -> list[Symbol]:
     return [x for b in outputs for x in b.symbols if x is not None] + [x for _, x in terms]
 
 
-def _gathered(
-    inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]
+def gathered(
+    given: Container[int], outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]
 ) -> tuple[list[Block], list[tuple[Term, Symbol]]]:
     """Outputs and terms with each sum of collects that nothing else reads as one: the force on a node is added up in
-    one array and not in one for each end of a spring, all of which would be read again."""
+    one array and not in one for each end of a spring, all of which would be read again. given: what is there, by its
+    number."""
     wanted, replaced = _wanted(outputs, terms), Substitution({})
-    replaced.new |= {x.number: x for blocks in inputs.values() for b in blocks for x in b.symbols if x is not None}
+    replaced.new |= {x.number: x for x in topological(wanted, given) if x.number in given}
     nodes = topological(wanted, set(replaced.new))
     readers = Counter(x.number for x in [*wanted, *(a for node in nodes for a in node.args)])
     summed: dict[int, list[tuple[Symbol, Path]]] = {}
@@ -106,24 +129,38 @@ def _gathered(
     )
 
 
-class _Writer:
+def _padded(mesh: Mesh, space: str) -> int:
+    """How many entries the records of a space have: those of joined ones begin anew with each."""
+    return sum(-(-mesh.size(x) // LANES) * LANES for x in space.split("+"))
+
+
+def stored(inputs: Mapping[str, Sequence[Block]]) -> dict[int, Place]:
+    """Where the symbols of inputs stand."""
+    return {
+        x.number: Place(letter, k, c, len(block.symbols)) for letter, blocks in inputs.items()
+        for k, block in enumerate(blocks) for c, x in enumerate(block.symbols) if x is not None
+    }  # fmt: skip
+
+
+class Writer:
     def __init__(
         self, inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block],
         terms: Sequence[tuple[Term, Symbol]], terms_at: int, behind: bool,
     ) -> None:  # fmt: skip
         self.behind = behind
         self.inputs, self.terms_at = inputs, terms_at
-        self.outputs, self.terms = _gathered(inputs, outputs, terms)
-        self.stored: dict[int, Place] = {
-            x.number: Place(letter, k, c, len(block.symbols)) for letter, blocks in inputs.items()
-            for k, block in enumerate(blocks) for c, x in enumerate(block.symbols) if x is not None
-        }  # fmt: skip
-        self.given = set(self.stored)
+        given = stored(inputs)
+        self.outputs, self.terms = gathered(given, outputs, terms)
         self.head: dict[tuple[Any, ...], int] = {}
         self.arrays: list[str] = []
-        self.names: dict[int, str] = {}
-        self.count = 0
+        self.rows: dict[str, int] = {}
+        self.counter: Iterator[int] = count()
         self.buffer: Place | None = None  # of the slopes of a group
+        self._plan(given)
+
+    def _plan(self, given: dict[int, Any]) -> None:
+        self.stored, self.given = given, set(given)
+        self.names: dict[int, str] = {}
         self.nodes = topological(_wanted(self.outputs, self.terms), self.given)
         self.level = self._levels()
         self.stage = {x.number: (self.level[x.number], x.space) for x in self.nodes}
@@ -164,14 +201,24 @@ class _Writer:
         return f"{array}[{start} + {place.of} * ({i}) + {place.component}]"
 
     def fresh(self, letter: str) -> str:
-        self.count += 1
-        return f"{letter}{self.count}"
+        return f"{letter}{next(self.counter)}"
 
     def _array(self, node: Symbol) -> Place:
         self.arrays.append(node.space)
         return Place("s", len(self.arrays) - 1)
 
     def written(self) -> ArrayKernel:
+        text = self.text(self.lines())
+        return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
+
+    def text(self, lines: list[str]) -> str:
+        """The kernel of these lines, with what they name."""
+        if (self.arrays or self.rows) and not self.behind:
+            lines = [f"s = scratch({self.slot('at', 's', -1)})", *lines, "release(s)"]
+        return text_of([*(f"n{k} = table[{k}]" for k in range(len(self.head))), *lines])
+
+    def lines(self) -> list[str]:
+        """The loops, and what is set to 0 before."""
         self._store()
         first: list[str] = []
         computed = [x for x in self.nodes if x.number not in self.given]
@@ -196,23 +243,23 @@ class _Writer:
                     body += self._joined(node)
             for space in sorted(s for d, s in stages if d == depth):
                 body += self._loop(depth, space)
-        body += self._last()
-        if self.arrays and not self.behind:
-            first = [f"s = scratch({self.slot('at', 's', len(self.arrays))})", *first]
-            body.append("release(s)")
-        lines = [*(f"n{k} = table[{k}]" for k in range(len(self.head))), *first, *body]
-        text = "def kernel(a, b, out):\n" + "".join(f"    {line}\n" for line in lines or ["pass"])
-        return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
+        return [*first, *body, *self._last()]
+
+    def targets(self) -> Iterator[tuple[Symbol, Any, str]]:
+        """What is wanted, where it shall stand, and over which space."""
+        for k, block in enumerate(self.outputs):
+            for c, x in enumerate(block.symbols):
+                if x is not None:
+                    yield x, Place("out", k, c, len(block.symbols)), block.space
 
     def stage_of(self, x: Symbol, space: str) -> tuple[int, str]:
         return self.level[x.number], space
 
     def _store(self) -> None:
         """Which values of a loop are read by another loop, and where they stand."""
-        for k, block in enumerate(self.outputs):
-            for c, x in enumerate(block.symbols):
-                if x is not None and x.space and x.op not in ("part", "join"):
-                    self.stored.setdefault(x.number, Place("out", k, c, len(block.symbols)))
+        for x, place, _ in self.targets():
+            if x.space and x.op not in ("part", "join"):
+                self.stored.setdefault(x.number, place)
         kept = self._read_elsewhere()
         for node in (x for x in self.nodes if x.op == "join" and x.number not in self.given):
             whole = self.stored[node.number] = self._array(node)
@@ -297,13 +344,6 @@ class _Writer:
     def _last(self) -> list[str]:
         """Outputs that are numbers, inputs, parts of others, or the same as others."""
         lines = []
-        for k, block in enumerate(self.outputs):
-            for c, x in enumerate(block.symbols):
-                place = Place("out", k, c, len(block.symbols))
-                if x is None:
-                    continue
-                if block.space == NUMBER:
-                    lines.append(f"{self.item(place, '0')} = {self._number(x)}")
-                else:
-                    lines += self._copy(place, x, block.space)
+        for x, place, space in self.targets():
+            lines += self._copy(place, x, space) if space else [f"{self.item(place, '0')} = {self._number(x)}"]
         return lines

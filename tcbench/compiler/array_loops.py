@@ -32,13 +32,7 @@ class Loop:
     """What one loop does with entry i."""
 
     def __init__(self, writer: Any, depth: int, space: str, i: str) -> None:
-        self.w, self.i, self.lines = writer, i, list[str]()
-        self.names: dict[int, str] = dict(writer.names)
-        self.indices: dict[Path, str] = {}
-        self.here = [
-            x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given
-        ]
-        self.derivatives = derivatives_of(self.here)
+        self.start(writer, depth, space, i)
         terms = [k for k, (term, x) in enumerate(writer.terms) if writer.stage_of(x, term.over) == (depth, space)]
         kept = [(x, writer.stored[x.number]) for x in self.here if x.number in writer.stored and x.op not in WHOLE]
         sums = list(self._summed((depth, space)))
@@ -59,6 +53,16 @@ class Loop:
                 self._make(of_terms)
                 self._entries(terms, group, [self.value(x) for x in of_terms])
 
+    def start(self, writer: Any, depth: int, space: str, i: str) -> None:
+        """What every loop has."""
+        self.w, self.i, self.space, self.lines = writer, i, space, list[str]()
+        self.names: dict[int, str] = dict(writer.names)
+        self.indices: dict[Any, str] = {}
+        self.here = [
+            x for x in writer.nodes if writer.stage[x.number] == (depth, space) and x.number not in writer.given
+        ]
+        self.derivatives = derivatives_of(self.here)
+
     def _summed(self, stage: tuple[int, str]) -> Iterator[tuple[Symbol, Symbol, Path]]:
         """Sums to which this loop adds: the sum, what is added, and along which path; () over all."""
         for node in self.w.nodes:
@@ -77,9 +81,9 @@ class Loop:
             if node.number not in needed or node.number in self.names or node.op in WHOLE:
                 continue
             if node.op == "take":
+                taken = self.taken(writer.stored[node.args[0].number], node.value)
                 self.names[node.number] = name = writer.fresh("v")
-                source = writer.stored[node.args[0].number]
-                self.lines.append(f"{name} = {writer.item(source, self.index(node.value))}")
+                self.lines.append(f"{name} = {taken}")
                 continue
             for a in node.args:
                 self.value(a)
@@ -109,6 +113,16 @@ class Loop:
             self.lines.append(f"{j} = table[{self.w.slot('path', path)} + {self.i}]")
         return self.indices[path]
 
+    def read(self, place: Any) -> str:
+        """What stands there for this entry."""
+        found: str = self.w.item(place, self.i)
+        return found
+
+    def taken(self, place: Any, path: Path) -> str:
+        """What stands there for the entry to which a path leads."""
+        found: str = self.w.item(place, self.index(path))
+        return found
+
     def value(self, x: Symbol) -> str:
         if x.number not in self.names:
             if x.op == "const":
@@ -119,20 +133,24 @@ class Loop:
                 self.lines += self.w.operation(x, self.names)
             else:
                 self.names[x.number] = name = self.w.fresh("v")
-                self.lines.append(f"{name} = {self.w.item(self.w.stored[x.number], self.i)}")
+                self.lines.append(f"{name} = {self.read(self.w.stored[x.number])}")
         return self.names[x.number]
 
     def _sum(self, node: Symbol, x: Symbol, path: Path) -> None:
         """What this loop adds to a sum along a table, or over all."""
-        w, item = self.w, self.value(x)
+        item = self.value(x)
         if path:
-            self.lines.append(f"{w.item(w.stored[node.number], self.index(path))} += {item}")
-            return
-        name, op = w.names[node.number], node.value[0]
-        if op == "add":  # compensated (Kahan 1965): of terms that are alike round-off has one sign
-            y, t = w.fresh("y"), w.fresh("t")
-            self.lines += [f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}"]
-            self.lines.append(f"{name} = {t}")
-            self.lines.append(f"{name}c = {name}c if abs({t}) < inf else 0.0")  # of infinity nothing is dropped
+            self.lines.append(f"{self.taken(self.w.stored[node.number], path)} += {item}")
         else:
-            self.lines.append(f"{name} = {op}({name}, {item})")
+            self.lines += self.totalled(node, item)
+
+    def totalled(self, node: Symbol, item: str) -> list[str]:
+        """Lines that add this to a sum, or a maximum, over all."""
+        w, name, op = self.w, self.w.names[node.number], node.value[0]
+        if op != "add":
+            return [f"{name} = {op}({name}, {item})"]
+        y, t = w.fresh("y"), w.fresh("t")  # compensated (Kahan 1965): of terms that are alike round-off has one sign
+        return [
+            f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}", f"{name} = {t}",
+            f"{name}c = {name}c if abs({t}) < inf else 0.0",  # of infinity nothing is dropped
+        ]  # fmt: skip

@@ -104,6 +104,18 @@ def rebuilt(op: str, args: Sequence[Any], value: Any) -> Symbol:
     return part(args[0], *value)
 
 
+def space_of(op: str, value: Any) -> str:
+    """Over which space one of these operations is."""
+    match op:
+        case "collect":
+            return str(value[0][-1].target)
+        case "take":
+            return str(value[0].source)
+        case "part":
+            return str(value[1].split("+")[value[0]])
+    return NUMBER if op == "total" else str(value)
+
+
 def reader(node: Symbol, k: int) -> str:
     """The space of those that read argument k of an operation."""
     if node.op == "join":

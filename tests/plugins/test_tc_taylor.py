@@ -18,6 +18,8 @@ import tcbench
 from tcbench import System, TcbenchError
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler import ops
+from tcbench.compiler.array_mesh import Mesh, alone
+from tcbench.compiler.array_orders import Orders, orders_kernel
 from tcbench.compiler.arrays import total, variable
 from tcbench.compiler.kernels import kernel, namespace, of_lines
 from tcbench.plugins import find_integrator, find_scenario
@@ -70,14 +72,28 @@ def test_the_coefficients_of_each_operation_are_those_of_fifty_digits(name):
     found = of_lines([*writer.lines, *stored], order + 1)(np.array([0.4]), np.zeros(1))
     on_arrays = Coefficients([y], [rate])
     others = kernel({y: "a[0]"}, [on_arrays.of(variable, k) for k in range(order + 1)])(np.array([0.4]), np.zeros(1))
+    looped = looped_series(f, order)
     with mpmath.workdps(50):
         exact = [mpmath.mpf(0.4)]
         for n in range(order):
             of_f = mpmath.taylor(lambda t: f(Precise(), sum(c * t**k for k, c in enumerate(exact))), 0, n)
             exact.append(of_f[n] / (n + 1))
     largest = max(abs(float(c)) for c in exact)
-    for each in (found, others):
+    for each in (found, others, *looped.T):
         assert each == pytest.approx([float(c) for c in exact], rel=1e-13, abs=1e-15 * largest)
+
+
+def looped_series(f, order):
+    """The same by a loop over the orders, of six entries and of a number; shape (order + 1, 7)."""
+    y = [variable("y", "entry"), variable("x", "")]
+    normal = Normal(y)
+    rate = [normal.single(form) for form in normal.of([f(np, x) for x in y])]
+    found = Coefficients(y, rate)
+    following, kept = found.looped(normal.variables)
+    values = *([found.of(x, n) for x in normal.variables] for n in range(2)), following
+    orders = Orders(order, found.k, kept, alone(y), [], values, [], ([], []))
+    made = orders_kernel({"a": alone(y)}, orders).kernel(Mesh({"entry": 6}, {}))
+    return made(np.full(7, 0.4), np.zeros(1)).reshape(order + 1, 7)
 
 
 def test_every_function_of_formulas_is_among_them():

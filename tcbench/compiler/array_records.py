@@ -1,0 +1,324 @@
+"""Text of kernels on arrays that keep rows of numbers in records, and loops that go through LANES entries at once.
+
+Each record has LANES entries of a space side by side, one row after the other; the records of joined spaces begin anew
+with each. So a row of the entries from i on is a short vector, where i is a multiple of LANES.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count, groupby
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from .array_kernels import LANES, Writer, gathered
+from .array_loops import WHOLE, Loop, Place
+from .array_mesh import Block
+from .arrays import Path
+from .derivatives import lifted
+from .symbols import Symbol
+
+AT_ONCE = 8  # sums of products in one inner loop: so many vectors, and what they are made of, registers hold
+
+
+class Slot(NamedTuple):
+    """A row of the records of a space; order: what is added to it. before: of one of joined spaces, those before it."""
+
+    space: str
+    row: int
+    order: str = ""
+    before: str = ""
+
+
+class Output(NamedTuple):
+    """A component of a block of `out`, or of one that stands `order` times as far behind it as `second` does."""
+
+    first: int
+    second: int
+    component: int
+    of: int
+    order: str
+
+
+Targets = list[tuple[Symbol, Any, str]]  # a value, the place where it shall stand, and over which space
+
+
+@dataclass
+class Shared:
+    """What the parts of one text share: what its table says, its intermediate arrays, and the rows of records."""
+
+    head: dict[tuple[Any, ...], int] = field(default_factory=dict)
+    arrays: list[str] = field(default_factory=list)
+    rows: dict[str, int] = field(default_factory=dict)
+    counter: Iterator[int] = field(default_factory=count)
+
+    def new(self, space: str, rows: int = 1) -> int:
+        """The first of some new rows."""
+        row = self.rows.get(space, 0)
+        self.rows[space] = row + rows
+        return row
+
+
+class Part(Writer):
+    """A part of the text, in loops over single entries."""
+
+    def __init__(self, shared: Shared, given: Mapping[int, Any], wanted: Targets) -> None:
+        self.shared, self.counter = shared, shared.counter
+        self.head, self.arrays, self.rows = shared.head, shared.arrays, shared.rows
+        self.behind, self.terms_at, self.buffer = False, -1, None
+        self.wanted = [place for _, place, _ in wanted]
+        self.outputs, self.terms = gathered(given, [Block(space, (x,)) for x, _, space in wanted], ())
+        self._plan(dict(given))
+
+    def targets(self) -> Iterator[tuple[Symbol, Any, str]]:
+        for block, place in zip(self.outputs, self.wanted, strict=True):
+            yield lifted(block.symbols[0]), place, block.space
+
+    def item(self, place: Any, i: str) -> str:
+        if isinstance(place, Place):
+            return super().item(place, i)
+        if isinstance(place, Output):
+            first, second = (self.slot("at", "out", k) for k in place[:2])
+            return f"out[{first} + {place.order} * ({second} - {first}) + {place.of} * ({i}) + {place.component}]"
+        offset = "" if i == "0" else f" + {i}o"
+        return f"s[{self.record(place)}{offset} + {LANES * place.row}]"
+
+    def _loop(self, depth: int, space: str) -> list[str]:
+        return self._loop_over(space, lambda i: Single(self, depth, space, i).lines)
+
+    def _loop_over(self, space: str, body: Callable[[str], list[str]]) -> list[str]:
+        def with_offset(i: str) -> list[str]:
+            lines, lane = body(i), f"{i} % {LANES}"
+            if not any(f"{i}o" in x for x in lines):
+                return lines
+            return [f"{i}o = ({i} - {lane}) * {self.slot('rows', space)} + {lane}", *lines]
+
+        return super()._loop_over(space, with_offset)
+
+    def _last(self) -> list[str]:
+        copies: dict[str, list[tuple[Any, Symbol]]] = {}
+        for x, place, space in self.targets():
+            if self.stored.get(x.number) != place or x.number in self.given:
+                copies.setdefault(space, []).append((place, x))
+
+        return [line for space in copies for line in self._copies(space, copies[space])]
+
+    def _copies(self, space: str, copied: Sequence[tuple[Any, Symbol]]) -> list[str]:
+        def body(i: str) -> list[str]:
+            values = (self.item(self.stored[x.number], i) if x.space else self._number(x) for _, x in copied)
+            return [f"{self.item(place, i)} = {value}" for (place, _), value in zip(copied, values, strict=True)]
+
+        return self._loop_over(space, body) if space else body("0")
+
+    def record(self, place: Slot) -> str:
+        """Where the records begin, at this order."""
+        found = self.slot("record", place.space) + (f" + {LANES} * {place.order}" if place.order else "")
+        if place.before:
+            found += f" + {self.slot('padded', place.before)} * {self.slot('rows', place.space)}"
+        return found
+
+    def lanes(self, place: Slot, path: Path) -> str:
+        """Where its table has the places in these records to which a path leads."""
+        return self.slot("lanes", path, place.space)
+
+
+class Single(Loop):
+    """What one loop of a `Part` does with entry i."""
+
+    def taken(self, place: Any, path: Path) -> str:
+        if not isinstance(place, Slot):
+            return super().taken(place, path)
+        key = path, place.space
+        if key not in self.indices:
+            self.indices[key] = j = self.w.fresh("j")
+            self.lines.append(f"{j} = table[{self.w.lanes(place, path)} + {self.i}]")
+        return f"s[{self.w.record(place)} + {self.indices[key]} + {LANES * place.row}]"
+
+
+class Middle(Part):
+    """What the loop over the orders repeats, for LANES entries at once."""
+
+    def _array(self, node: Symbol) -> Any:
+        return Slot(node.space, self.shared.new(node.space))
+
+    def _store(self) -> None:
+        self.places: dict[int, list[Any]] = {}  # where a value is wanted that a loop makes
+        for x, place, _ in self.targets():
+            if x.space and x.number not in self.given:
+                self.places.setdefault(x.number, []).append(place)
+                if isinstance(place, Slot) and x.op != "part":
+                    self.stored.setdefault(x.number, place)
+        kept = self._read_elsewhere() | set(self.places)
+        made = [x for x in self.nodes if x.number not in self.given]
+        for node in made:
+            if node.op in ("collect", "total", *WHOLE):
+                kept |= {node.number, *(a.number for a in node.args)}
+        for node in (x for x in made if x.op == "join"):
+            whole = self.stored.setdefault(node.number, self._array(node))
+            for k, x in enumerate(node.args):
+                if x.space and x.number not in self.given:
+                    self.places.setdefault(x.number, []).append(part_of(whole, k))
+                    self.stored.setdefault(x.number, part_of(whole, k))
+        for node in made:
+            if node.op == "part":
+                self.stored[node.number] = part_of(self.stored[node.args[0].number], node.value[0])
+            elif node.number in kept and node.space and node.number not in self.stored:
+                self.stored[node.number] = self._array(node)
+
+    def _joined(self, node: Symbol) -> list[str]:
+        """Copies into joined arrays of what no loop makes."""
+        parts = [(part_of(self.stored[node.number], k), x) for k, x in enumerate(node.args)]
+        spaces = zip(parts, node.value.split("+"), strict=True)
+        return [line for (place, x), space in spaces if not self.is_made(x) for line in self._copied(place, x, space)]
+
+    def is_made(self, x: Symbol) -> bool:
+        """Does a loop put it into all its places?"""
+        return bool(x.space) and x.number not in self.given and x.op not in WHOLE
+
+    def _copied(self, place: Any, x: Symbol, space: str) -> list[str]:
+        def body(i: str) -> list[str]:
+            source = self.row(self.stored[x.number], i) if x.space else ""
+            if isinstance(place, Slot):
+                value = f"row(s, {source}, {LANES})" if source else everywhere(self._number(x))
+                return [f"put(s, {self.row(place, i)}, {value})"]
+            lane = self.fresh("l")
+            item, value = self.item(place, f"{i} + {lane}"), f"s[{source} + {lane}]" if source else self._number(x)
+            return self.one_by_one(lane, space, i, [f"{item} = {value}"])
+
+        return [] if self.stored.get(x.number) == place else self._in_lanes(space, body)
+
+    def one_by_one(self, lane: str, space: str, i: str, lines: Sequence[str]) -> list[str]:
+        """These lines for each of the lanes that there are from i on."""
+        left = f"min({LANES}, {self.slot('size', space)} - {i})"
+        return [f"for {lane} in range({left}):", *(f"    {line}" for line in lines)] if lines else []
+
+    def _last(self) -> list[str]:
+        lines = []
+        for x, place, space in self.targets():
+            if not space:
+                lines.append(f"{self.item(place, '0')} = {self._number(x)}")
+            elif not self.is_made(x):
+                lines += self._copied(place, x, space)
+        return lines
+
+    def _zero(self, space: str, place: Any) -> list[str]:
+        return self._in_lanes(space, lambda i: [f"put(s, {self.row(place, i)}, {everywhere('0.0')})"])
+
+    def _loop(self, depth: int, space: str) -> list[str]:
+        return self._in_lanes(space, lambda i: Lanes(self, depth, space, i).lines)
+
+    def _in_lanes(self, space: str, body: Callable[[str], list[str]]) -> list[str]:
+        i = self.fresh("i")
+        lines, size = body(i), self.slot("size", space)
+        return [f"for {i} in range(0, {size}, {LANES}):", *(f"    {line}" for line in lines)] if lines else []
+
+    def row(self, place: Slot, i: str) -> str:
+        """Where LANES entries from i on have this row."""
+        return f"{self.record(place)} + {i} * {self.slot('rows', place.space)} + {LANES * place.row}"
+
+    def operation(
+        self, node: Symbol, names: dict[int, str], derivatives: Mapping[int, Symbol] = MappingProxyType({})
+    ) -> list[str]:
+        if node.op != "convolved":
+            return super().operation(node, names, derivatives)
+        return self.convolutions([node], names, {})
+
+    def convolutions(self, nodes: Sequence[Symbol], names: dict[int, str], records: Mapping[str, str]) -> list[str]:
+        """A loop that makes some, of one n. records: where those of a space begin that are gone through in lanes."""
+        first, lines, known, (n,) = list[str](), list[str](), dict[Any, str](), {x.value[2] for x in nodes}
+        j = self.fresh("j")
+
+        def factor(kept: Any, order: str) -> str:
+            begin, key = (kept.space, order), (kept, order)
+            if begin not in known:
+                known[begin] = self.fresh("u")
+                at = records.get(kept.space) or self.slot("record", kept.space)
+                lines.append(f"{known[begin]} = {at} + {LANES} * {order}")
+            if key not in known:
+                known[key], at = self.fresh("v"), f"{known[begin]} + {LANES * kept.row}"
+                lines.append(f"{known[key]} = {f'row(s, {at}, {LANES})' if kept.space else f's[{at}]'}")
+            return known[key]
+
+        for node in nodes:
+            names[node.number] = name = self.fresh("v")
+            first.append(f"{name} = {everywhere('0.0') if node.space else '0.0'}")
+            a, b = factor(node.value[0], j), factor(node.value[1], f"(k + {n} - {j})")
+            lines.append(f"{name} = {name} + {a} * {b}")
+        return [*first, f"for {j} in range(1, k + {n}):", *(f"    {line}" for line in lines)]
+
+
+def part_of(whole: Slot, k: int) -> Slot:
+    """Of joined arrays the part of this number."""
+    return whole._replace(before="+".join(whole.space.split("+")[:k]))
+
+
+def everywhere(value: str) -> str:
+    """A vector of one number."""
+    return f"vector({', '.join([value] * LANES)})"
+
+
+class Lanes(Loop):
+    """What one loop of `Middle` does with LANES entries from i on."""
+
+    def __init__(self, writer: Middle, depth: int, space: str, i: str) -> None:
+        self.start(writer, depth, space, i)
+        self.now, self.at_k = writer.fresh("p"), writer.fresh("p")  # where their record begins, and its rows of order k
+        self.ways: dict[Any, list[str]] = {}  # where the records begin to which a path leads
+        sums = sorted((x for x in self.here if x.op == "convolved"), key=lambda x: (x.value[2], x.number))
+        for _, group in groupby(sums, lambda x: x.value[2]):
+            alike = list(group)
+            for k in range(0, len(alike), AT_ONCE):
+                self.lines += writer.convolutions(alike[k : k + AT_ONCE], self.names, {space: self.now})
+        self._make(self.here)
+        outputs = []
+        for x in (x for x in self.here if x.number in writer.stored and x.op not in WHOLE):
+            for place in dict.fromkeys([writer.stored[x.number], *writer.places.get(x.number, ())]):
+                if isinstance(place, Slot):
+                    self.lines.append(f"put(s, {self.at(place)}, {self.value(x)})")
+                else:
+                    outputs.append((x, place))
+        self._one_by_one(outputs, list(self._summed((depth, space))))
+        if self.lines:
+            begin = f"{writer.slot('record', space)} + {i} * {writer.slot('rows', space)}"
+            self.lines = [f"{self.now} = {begin}", f"{self.at_k} = {self.now} + {LANES} * k", *self.lines]
+
+    def at(self, place: Slot) -> str:
+        """Where its row is."""
+        if place.space != self.space:
+            found: str = self.w.row(place, self.i)
+            return found
+        return f"{self.at_k if place.order else self.now} + {LANES * place.row}"
+
+    def read(self, place: Slot) -> str:
+        return f"row(s, {self.at(place)}, {LANES})"
+
+    def taken(self, place: Slot, path: Path) -> str:
+        key = path, place._replace(row=0)
+        if key not in self.ways:
+            self.ways[key] = [self.w.fresh("j") for _ in range(LANES)]
+            there = f"{self.w.record(place)} + table[{self.w.lanes(place, path)} + {self.i}"
+            self.lines += [f"{j} = {there} + {lane}]" for lane, j in enumerate(self.ways[key])]
+        return f"vector({', '.join(f's[{j} + {LANES * place.row}]' for j in self.ways[key])})"
+
+    def _one_by_one(
+        self, outputs: Sequence[tuple[Symbol, Output]], sums: Sequence[tuple[Symbol, Symbol, Path]]
+    ) -> None:
+        """What each lane puts into the output or adds to sums."""
+        w, lane, ways = self.w, self.w.fresh("l"), dict[Any, str]()
+
+        def value(x: Symbol) -> str:
+            return f"s[{self.at(w.stored[x.number])} + {lane}]" if x.space else self.value(x)
+
+        lines = [f"{w.item(place, f'{self.i} + {lane}')} = {value(x)}" for x, place in outputs]
+        for node, x, path in sums:
+            if not path:
+                lines += self.totalled(node, value(x))
+                continue
+            target = w.stored[node.number]
+            key = path, target._replace(row=0)
+            if key not in ways:
+                ways[key] = w.fresh("j")
+                lines.append(f"{ways[key]} = {w.record(target)} + table[{w.lanes(target, path)} + {self.i} + {lane}]")
+            lines.append(f"s[{ways[key]} + {LANES * target.row}] += {value(x)}")
+        self.lines += w.one_by_one(lane, self.space, self.i, lines)
