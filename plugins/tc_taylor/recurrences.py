@@ -89,7 +89,7 @@ class Recurrences(Generic[X]):
         return self.summed(self.squared(n, self._of(a)), [(self.times(2.0, self.value(a, 0)), self.value(a, n))])
 
     def squared(self, n: Any, a: Of) -> list[tuple[Any, ...]]:
-        """Products that add up to the sum of a(j) a(n - j), j = 1 .. n - 1: each of two different coefficients is in that
+        """Products that add up to the sum of a(j) a(n - j), j = 1 .. n - 1: each of two different coefficients is there
         twice, and it is the one known longer that is doubled."""
         older = [(self.times(2.0, a(j)), a(n - j)) for j in range(1, (n + 1) // 2)]
         return [*older, (a(n // 2),) * 2] if n % 2 == 0 else older
