@@ -1,8 +1,8 @@
 """The thermal equilibrium of any system: the state of largest entropy among those with its energy and invariants.
 
-Newton's method on that surface: S is climbed along its tangents with the second derivatives of S - sum of multipliers
-times constraints, brought back to the surface after each step, and never lowered. Gradients and second derivatives are
-those of the formulas. What turns or drifts for ever at one entropy (a rotation, a free position) is one equilibrium.
+Newton's method on that surface climbs S along tangents, with the second derivatives of S - sum of multipliers times
+constraints, returns to the surface after each step, and never lowers S. Gradients and second derivatives are those of
+the formulas. States that differ by a rotation or a free position at one entropy are one equilibrium.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ..systems.state import fixed
 from ..systems.system import System
 
 Floats = NDArray[np.float64]
-MAX_NUMBERS = 80  # numbers of a state: the matrices of second derivatives are written out
+MAX_NUMBERS = 80  # length of a state up to which second derivatives are traced entry by entry
 STEPS = 300  # of one climb
 NEAR_TOP, AT_TOP = 1e-9, 1e-14  # relative gain of S that a step predicts: near a maximum, or in a valley; at it
 LONGEST = 0.5  # the longest step, over the size of the state
 STARTS = 8  # of climbs near the best maximum, for S may have several, and as many at each of the REACHES
 REACHES = (1.0, 2.0)  # distances of such starts, over the size of each number
 FLAT, FLATTEST = 1e-9, 1e-15  # floor of curvatures, relative to the largest: at first, and after steps
-FAR = 100.0  # times the size of the start: an equilibrium beyond is not within reach
+FAR = 100.0  # distance, over the size of the start, within which equilibria are sought
 HELD = 1e-13  # relative residual of the constraints
 ADMISSIBLE = 0.0  # temperatures and measures are larger
 
@@ -38,7 +38,7 @@ _MAXIMA: dict[Any, Equilibrium] = {}  # of this process, by all that they depend
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """exists: else `note` says why not. entropy: the largest; z: a state that has it; temperatures: there."""
+    """exists : if not, `note` says why. entropy : the largest. z : a state with it, (n,). temperatures : its own."""
 
     exists: bool
     z: Floats
@@ -48,10 +48,10 @@ class Equilibrium:
 
 
 def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium:
-    """The equilibrium at the energy and the invariants of z0: the highest of those that are reached uphill, from there
-    and from random states.
+    """The equilibrium at the energy and the invariants of z0 (n,): the highest that is reached uphill from there and
+    from random states.
 
-    within : how many times as large as z0 a state on the way may be.
+    within : the largest size of a state on the way, over that of z0.
     """
     if system.size > MAX_NUMBERS:
         return _none(system, f"a state of {system.size} numbers is too long for matrices of second derivatives")
@@ -67,7 +67,7 @@ def maximum_entropy(system: System, z0: Any, within: float = FAR) -> Equilibrium
 
 
 def _highest(surface: _Surface, within: float) -> Equilibrium:
-    """Of the tops that are reached from the start of a surface and from random states on it."""
+    """The highest maximum reached from the start of a surface and from random states on it."""
     rng = np.random.default_rng(0)
     best = _top(surface, surface.start, within, rng)
     size = np.maximum(surface.magnitudes, np.abs(surface.start))
@@ -85,7 +85,7 @@ def _highest(surface: _Surface, within: float) -> Equilibrium:
 
 
 def _top(surface: _Surface, z: Floats, within: float, rng: np.random.Generator) -> Equilibrium:
-    """That which is reached from z."""
+    """The maximum reached from z (n,)."""
     system, before, flat = surface.system, np.inf, FLAT
     magnitudes, entropy_scale = surface.magnitudes, system.entropy_magnitude
     far = within * (1.0 + float(np.linalg.norm(surface.start / magnitudes)))
@@ -135,14 +135,14 @@ class _Surface:
         self.target, self.scale = values[1:], np.maximum(laws, np.abs(values[1:]))
 
     def at(self, z: Floats) -> tuple[Floats, Floats, Floats]:
-        """Values, gradients and second derivatives of S, E, invariants."""
+        """Values (m,), gradients (m, n) and second derivatives (m, n, n) of S, E and invariants at z."""
         m, n = 1 + self.count, len(z)
         outputs = self.kernel(np.ascontiguousarray(z), self.system.constant_values)
         values, slopes, curves = np.split(outputs, [m, m + m * n])
         return values, slopes.reshape(m, n), curves.reshape(m, n, n)
 
     def uphill(self, z: Floats, flat: float) -> tuple[Floats, float, Floats | None]:
-        """A step along the tangents, by how much S rises along it, and a direction in which S curves up, if any."""
+        """A step (n,) along the tangents, its predicted gain of S, and a direction in which S curves up, or None."""
         _, slopes, curves = self.at(z)
         size = np.maximum(self.magnitudes, np.abs(z))
         rise, held = slopes[0] * size, slopes[1:] * size
@@ -163,8 +163,8 @@ class _Surface:
         return size * step, float(rise @ step), upward
 
     def climbed(self, z: Floats, step: Floats, lowest: float) -> tuple[Floats | None, float]:
-        """The state after the longest of ever shorter parts of a step that is admissible and where S is not below
-        `lowest`, and which part."""
+        """The state after the longest part, of halvings of a step, that is admissible and has S >= `lowest`; and that
+        part. None where there is none."""
         for halvings in range(50):
             point = self.back(z + 0.5**halvings * step)
             lower = 1e-15 * (self.system.entropy_magnitude + abs(lowest))

@@ -1,4 +1,4 @@
-"""The measured order of convergence: a slope over the asymptotic window, with an honest interval.
+"""The measured order of convergence: a slope over the asymptotic window, with its interval.
 
 An error e(h) = C h^p (1 + d h^q + ...) shows its order only where h is small enough for the bracket to be 1
 and large enough for e to stand above round-off, solver tolerance and the reference's own error. `fit_order`
@@ -99,7 +99,7 @@ def fit_order(
     window, note = _window(down, h, local, e, np.broadcast_to(np.asarray(roundoff, float), e.shape))
     order, half = _slope(h[window], e[window]) if window else (np.nan, np.nan)
     if len(window) == MIN_POINTS and np.isfinite(local[window[0]]):
-        half += abs(local[window[0]] - order)  # three points agree by chance too easily; the slope above them did not
+        half += abs(local[window[0]] - order)  # three points agree by chance too easily
     if order - half <= 0:
         window, order, half, note = [], np.nan, np.nan, "The slope cannot be told from zero: no order."
     for place, i in enumerate(down):

@@ -1,4 +1,4 @@
-"""How far a method can go, and whose fault it is when it stops: outcome of a run, maximum stable step, blow-up time.
+"""The maximum stable step of a method, the cause of its limit, and the sensitivity of blow-up times.
 
 Definitions (docs/stability.md tells the story):
 - a run fails when its status is not "ok", or when its entropy falls by more than 1e-10 in a step;
@@ -42,7 +42,7 @@ EDGE, HALVINGS = 1e-6, 40  # part of it that is left at the limit; halvings towa
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of one run. Dimensionless.
+    """The outcome of one run. Dimensionless.
 
     kind : ok, solver, branch or physical; blowup_time : when it failed (NaN if it did not);
     energy_error : max |E - E0| / V0 over completed steps (NaN if there are none); continuation_steps : solves that
@@ -104,7 +104,7 @@ class Ladder:
     evaluate: Callable[[float], Outcome]
     cap: int
     start: int = START
-    dear: int = LOWEST  # on the rungs below this a run has more than LONG steps
+    dear: int = LOWEST  # runs on rungs below this have more than LONG steps
     seen: dict[int, Outcome] = field(default_factory=dict)
 
     def __getitem__(self, rung: int) -> Outcome:
@@ -121,7 +121,7 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Where runs begin to fail: rungs, None where there is no such rung."""
+    """Rungs where runs begin to fail; None where there is no such rung."""
 
     stable: int | None
     unstable: int | None
@@ -141,8 +141,8 @@ def ladder_of(scenario: Scenario, evaluate: Callable[[float], Outcome]) -> Ladde
 
 
 def boundary(ladder: Ladder, below: int = BELOW) -> Boundary:
-    """Coarse ladder up to the cap, then the fine one from `below` its first failure (less where runs are dear) up to
-    half failing."""
+    """The boundary by the coarse ladder up to the cap, then the fine one from `below` its first failure (less where
+    runs are dear) until half of the rungs fail."""
     coarse = range(ladder.start, ladder.cap + 1, COARSE)
     failed = ladder.first_failure(coarse)
     if failed is None:
@@ -203,8 +203,8 @@ def confirmed(integrator: Integrator, scenario: Scenario, limits: Boundary) -> t
 
 
 def limit_of(integrator: Integrator, scenario: Scenario, dt: float, kind: str) -> str:
-    """The kind of a limit: `positivity` where the step dt failed as what must be positive is not, or comes to 0 as the
-    step that has no root grows to the last h that has one: where the branch ends, Newton's iteration fails."""
+    """The kind of a limit: `positivity` where a positive quantity is not positive after the step dt, or comes to 0 as a
+    step without a root is shortened to the last h that has one; else `kind`."""
     run = simulate(integrator, scenario, dt, record_every=None)
     if run.status == "unphysical":
         return POSITIVE
@@ -226,7 +226,7 @@ def limit_of(integrator: Integrator, scenario: Scenario, dt: float, kind: str) -
 
 
 def plain_limit(integrator: Integrator, scenario: Scenario, limits: Boundary, ladder: Ladder) -> str:
-    """Whose fault plain Newton's first failure is.
+    """The cause of plain Newton's first failure.
 
     `solver` unless the run with the arc's own roots fails as well by the time at which plain Newton gives up.
     """
@@ -262,13 +262,13 @@ def maximum_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, 
 
 
 def maximum_own_step(integrator: Integrator, scenario: Scenario) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """The same for a method that is given by a step function: one ladder of runs, and no arc to say whose fault it is.
+    """`maximum_step` for a method that is given by a step function: one ladder of runs, without the arc.
 
     limit : `solver` where the step function gave up (it raised an exception), `positivity` and `physical` where the run
     was bad.
     """
     ladder = ladder_of(scenario, lambda dt: outcome(integrator, scenario, dt))
-    limits = boundary(ladder, below=COARSE)  # runs in Python that get through are dear: one coarse interval, not eight
+    limits = boundary(ladder, below=COARSE)  # stable runs in Python are dear: one coarse interval, not eight
     limit = NONE
     if limits.unstable is not None:
         limit = limit_of(integrator, scenario, step_of(limits.unstable), ladder[limits.unstable].kind)

@@ -1,4 +1,4 @@
-"""What a sample says of all scenarios: intervals of shares, quantiles, performance profiles."""
+"""Statistics of samples of scenarios: intervals of shares, quantiles, performance profiles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def quantile(values: Sequence[float] | Floats, q: float) -> float:
 
 
 def ratios(times: Floats) -> Floats:
-    """Times over the least of their row, shape (scenarios, methods); infinite where a method did not get there."""
+    """Times over the least of their row, shape (scenarios, methods); infinite where a method failed."""
     times = np.where(np.isfinite(times) & (times > 0), times, np.inf)
     best = times.min(axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):

@@ -1,8 +1,8 @@
-"""Conditions (8) and (9) of any system, on random states and covectors: what its formulas owe to every method.
+"""Conditions (8) and (9) of any system, on random states and covectors, which every method relies on.
 
-A method puts covectors of its own in the place of grad E and grad S: sum_b F_b grad y_b, with the y that are at most
-quadratic in z and slopes F_b that differ from the true ones; so do the discrete gradients, and the random ones here. In
-the place of grad E it may put any other: Gonzalez's gradient adds a multiple of z1 - z0 to all of it.
+Methods put covectors of their own in the place of grad E and grad S: sum_b F_b grad y_b, with the y that are at most
+quadratic in z and slopes F_b that differ from the true ones. Discrete gradients do so, and the random covectors here.
+In the place of grad E there may be any other: Gonzalez's gradient adds a multiple of z1 - z0 to all of it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Row = Callable[[str, str, str, float, float, str], Any]
 
 
 def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> Iterator[Any]:
-    """The findings on a sample of pairs of states."""
+    """The findings on a sample of pairs of states (n,)."""
     put_in, count = _random_covectors(model)
     free = _free_covectors(model, sample, rng)
     owed = [_Condition(claim, source, formula, covector) for claim, source, formula, covector in CONDITIONS]
@@ -67,15 +67,15 @@ def findings(row: Row, model: System, sample: Any, rng: np.random.Generator) -> 
     for name, worst in lost.items():
         least = ROUNDOFF
         if worst > ROUNDOFF and (rate := _rate_of(model, name, sample)) <= OF_DIFFERENCES:
-            worst, least = rate, OF_DIFFERENCES  # the equations keep it, steps of methods may not: `check` takes some
+            worst, least = rate, OF_DIFFERENCES  # the equations keep it; steps may not, which `check` tries
         yield row(f"{name.replace('_', ' ')} is invariant", "section 3", "rate 0, relative", worst, least,
                   f"{written(model, 'invariants')}: neither reversible nor irreversible may change it.")  # fmt: skip
 
 
 def _rate_of(model: System, name: str, sample: Any) -> float:
-    """By the equations themselves, both parts together, relative, by central differences."""
+    """The relative rate of an invariant by the equations, both parts together, by central differences."""
     k, worst = model.invariant_names.index(name), 0.0
-    rate = model.free_rate if model.multipliers else model.vector_field  # what constraints keep is in their formulas
+    rate = model.free_rate if model.multipliers else model.vector_field  # constraints have checks of their own
     for z, _ in sample[:20]:
         z = np.asarray(z)
         step = 1e-5 * (np.abs(z) + 1e-2)
@@ -86,7 +86,7 @@ def _rate_of(model: System, name: str, sample: Any) -> float:
 
 @dataclass(eq=False)
 class _Condition:
-    """One of the four on covector . rate, and where it was violated most."""
+    """One of the four conditions on covector . rate, and its largest violation."""
 
     claim: str
     source: str
@@ -100,7 +100,7 @@ class _Condition:
 
     @property
     def rises(self) -> bool:
-        """The one of the four that is no identity."""
+        """Is it the inequality among the four?"""
         return self.claim.endswith("entropy") and self.formula == "irreversible"
 
     @property
@@ -123,7 +123,7 @@ class _Condition:
             self.worst, self.terms, self.state = defect, covector * rate, z
 
     def why(self, model: System) -> str:
-        """What an author does about it: which terms do not cancel, or that a sign is wrong."""
+        """A sentence: which terms do not cancel, or that a sign is wrong."""
         told = "it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
         if self.worst <= CANCELLED:
             return told
@@ -134,7 +134,7 @@ class _Condition:
         return f"{told} At worst {self.covector} . rate = {shown}, at {told_state(model, self.state)}."
 
 
-CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, where it is from, whose rate, with which covector
+CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, source, formula of the rate, covector
     ("reversible keeps energy", "eqs. (1), (9)", "reversible", "dE"),
     ("reversible keeps entropy", "eq. (9)", "reversible", "dS"),
     ("irreversible keeps energy", "eq. (9)", "irreversible", "dE"),
@@ -143,13 +143,13 @@ CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, where it is from
 
 
 def rates_of(model: System, z: Any, dE: Any, dS: Any) -> tuple[Any, Any]:
-    """The two rates with these covectors put in."""
+    """The reversible and the irreversible rate, (n,) each, of these covectors."""
     return np.asarray(model.reversible(z, dE, dS)), np.asarray(model.irreversible(z, dE, dS))
 
 
 def _of_matrices(row: Row, model: System, sample: Any) -> Iterator[Any]:
-    """What L and M owe at the true gradients. They are projected, so that what is wrong here keeps both laws and is
-    another system."""
+    """The conditions on L and M at the true gradients. They are projected: a wrong one keeps both laws and is another
+    system."""
     for name, told, other, sign, needs in (
         ("reversible", "L is skew", "S", -1.0, "L = -L^T"), ("irreversible", "M is symmetric", "E", 1.0, "M = M^T")
     ):  # fmt: skip
@@ -174,7 +174,7 @@ def _of_matrices(row: Row, model: System, sample: Any) -> Iterator[Any]:
 
 
 def _matrix_of(model: System, name: str) -> Kernel:
-    """z -> the matrix that an author wrote."""
+    """The kernel z -> matrix of an author's poisson or friction."""
     sym = model.symbolic
     with trace.tracing():
         z = trace.variables("z", model.size)
@@ -183,7 +183,7 @@ def _matrix_of(model: System, name: str) -> Kernel:
 
 
 def _is_warm(model: System, z: Any, dE: Any, dS: Any) -> bool:
-    """Whether the temperatures that these covectors give are positive: of others nobody claims that entropy grows."""
+    """Are the temperatures of these covectors positive? Entropy grows only then."""
     if not model.defines("temperature"):
         return True
     return bool(np.min(np.asarray(model.temperature(*map(model.state, (z, dE, dS))), dtype=float)) > 0)
@@ -195,8 +195,8 @@ def relative(covector: Any, rate: Any) -> float:
 
 
 def _free_covectors(model: System, sample: Any, rng: np.random.Generator) -> Any:
-    """A covector in the place of grad E for each pair of states, free but for what every method keeps: where grad S is
-    constantly 0 any number of the size of grad E, elsewhere a positive multiple; what is constant in grad E stays."""
+    """A covector in the place of grad E for each pair of states: a random number of the size of grad E where grad S is
+    always 0, elsewhere a positive multiple; entries that are constant in grad E stay, as in every method."""
     slopes = np.array([np.asarray(model.gradient(z)) for z, _ in sample])
     others = np.array([np.asarray(model.entropy_gradient(z)) for z, _ in sample])
     positive = slopes * SPREAD ** rng.uniform(-1, 1, slopes.shape)
@@ -224,7 +224,7 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
             cut = sym.cut(name)
             slopes = cut.outer_slopes(cut.values(list(z)))
             for i, slope in enumerate(slopes):
-                if slope.op != "const":  # one that is constant no method changes
+                if slope.op != "const":  # no method changes a constant slope
                     factors.append(trace.variable("factor"))
                     slopes[i] = slope * factors[-1]
             covectors.append(sym.state(trace.array(cut.joined(slopes, list(z)))))
@@ -235,7 +235,7 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
 
 
 def told_state(model: System, z: Any) -> str:
-    """A state, its first numbers."""
+    """The first numbers of a state in words."""
     names = model.component_names
     shown = [f"{name} = {value:.4g}" for name, value in zip(names[:6], np.asarray(z), strict=False)]
     return ", ".join(shown) + ", ..." * (len(names) > 6)
@@ -245,7 +245,7 @@ OF_ELEMENTS = {"reversible": "element_energy", "irreversible": "conduction", "en
 
 
 def written(model: System, name: str) -> str:
-    """Where the author wrote a formula, or the matrix in its place, or what it follows from."""
+    """File and line of a formula, of the matrix in its place, or of the formula that it follows from."""
     name = MATRICES[name] if name in MATRICES and model.defines(MATRICES[name]) else name
     name = OF_ELEMENTS.get(name, name) if isinstance(model, ElementSystem) else name
     return f"{place(getattr(type(model), name))}, {name}()"

@@ -1,4 +1,4 @@
-"""The theorems, checked on random admissible states: what a method must do on every state, not only in the scenarios.
+"""The theorems, checked on random admissible states, not only on those of scenarios.
 
 A finding is a statement, what was expected, what was measured, and a verdict that follows from the measurement.
 """
@@ -29,10 +29,10 @@ NOT_WITH_DATA = "does not hold with the printed data"
 CONTRADICTS = "contradicts the printed equations"
 
 SEED = 20090706  # any number would do; a fixed one makes the table repeatable
-PATIENCE = 100  # random states of which none is admissible, before they are taken half as far from the start
+PATIENCE = 100  # inadmissible random states in a row after which their distance from the start is halved
 STATES = 200  # random pairs of states for the operators
 RANDOM_STEPS = 100  # random steps for each integrator
-ROUNDOFF = 1e-13  # of operators: sums of some ten terms of one size
+ROUNDOFF = 1e-13  # relative, of operators, which are sums of some ten terms of one size
 LAST_DIGITS, SHAKEN = 4 * float(np.finfo(float).eps), 8  # how far, and how often, states are moved to see round-off
 CLOSE, SECOND, AGREED = (1e-2, 1e-3), 1.9, 20  # distances of states; the least slope that counts as order 2; pairs
 SOLVED = 1e-12  # relative residual that a converged Newton iteration leaves
@@ -50,9 +50,8 @@ Row = Callable[[str, str, str, float, float, str], "LedgerRow"]
 
 @dataclass(frozen=True)
 class LedgerRow:
-    """One row of the ledger. `agrees`: the measurement agrees with the claim. `command`: repeats the measurement.
-    `yes`, `no`: a sentence that says why, where it agrees and where not (the same if there is one only). `impossible`:
-    the printed equations, evaluated, exclude the claim."""
+    """One row of the ledger. agrees : the measurement agrees with the claim. command : repeats the measurement.
+    yes, no : sentences for rows that agree and for others. impossible : the printed equations exclude the claim."""
 
     claim: str
     section: str
@@ -72,7 +71,7 @@ class LedgerRow:
 
     @property
     def why(self) -> str:
-        """The sentence that goes with the verdict."""
+        """The sentence for the verdict."""
         return self.yes if self.agrees else self.no or self.yes
 
     def as_dict(self) -> dict[str, Any]:
@@ -86,7 +85,7 @@ def command(integrator: Integrator, scenario: Scenario, study: str = "claims") -
 
 
 def shell_name(integrator: Integrator) -> str:
-    """The name as a shell takes it: brackets of variants are quoted."""
+    """The name for a shell: brackets of variants are quoted."""
     return f"'{integrator.name}'" if "[" in integrator.name else integrator.name
 
 
@@ -94,10 +93,10 @@ def shell_name(integrator: Integrator) -> str:
 
 
 def admissible_states(scenario: Scenario, rng: np.random.Generator, reach: float = 1.0) -> Iterator[State]:
-    """Endless random states around the scenario's: elements at least a tenth as long as at the start, theta > 0; nearer
-    to it where few are. reach : how many times as far out as `nearby` says."""
+    """Endless random states around the scenario's start, with positive temperatures and measures at least a tenth of
+    those at the start; nearer to it where few are admissible. reach : distance, over that of `nearby`."""
     model, z0 = scenario.model, scenario.z0
-    laws = 2 + len(model.invariant_names)  # what is observed before temperatures and measures
+    laws = 2 + len(model.invariant_names)  # observables before temperatures and measures
     least = np.asarray(model.observe(z0))[laws:] * np.repeat(
         [1e-3, 0.01], [model.n_temperatures, len(model.shapes(z0))]
     )
@@ -185,9 +184,9 @@ def _relative(value: Any, exact: Any) -> float:
 
 
 def _agreement(model: System, sample: Sample) -> float:
-    """The power of |z1 - z0| with which DE nears the gradient at the midpoint, the median of pairs: of some of them the
-    leading term nearly vanishes. 2 where both are equal. Distances are parts of a state and of what must be positive in
-    it: of a gas's cells, which are thin, a hundredth of a state is many."""
+    """The power of |z1 - z0| with which DE approaches the gradient at the midpoint: the median of pairs, as the leading
+    term of some nearly vanishes; 2 where both are equal. Distances are parts of a state and of its positive numbers:
+    a hundredth of a state may be many thin cells of a gas."""
     powers = []
     for z, other in sample:
         gaps = []
@@ -206,9 +205,8 @@ def _agreement(model: System, sample: Sample) -> float:
 
 
 def _directionality(scenario: Scenario, sample: Sample) -> tuple[float, float]:
-    """Largest defect of (8), and what round-off explains there: ROUNDOFF, or what the last digits of the two states do
-    to DE where the author's terms cancel. E(z1) - E(z0) is subtracted with 30 digits, or it would be the larger
-    error."""
+    """Largest defect of (8), and the part that round-off explains: ROUNDOFF, or the change of DE by the last digits of
+    the two states, where the author's terms cancel. E(z1) - E(z0) is computed with 30 digits."""
     model, rng, worst, limit = scenario.model, np.random.default_rng(SEED), 0.0, ROUNDOFF
     energies = iter(exactly(scenario, "energy", [z for pair in sample for z in pair]))
     for z0, z1 in sample:
@@ -293,7 +291,7 @@ def _scale(run: Trajectory) -> float:
 
 
 def defects(integrator: Integrator, model: System) -> dict[str, Callable[[Trajectory], float]]:
-    """Law -> how far a run misses it, of those that a method claims and the system has."""
+    """Law -> defect of a run, for the laws that a method claims and the system has."""
     measures: dict[str, Callable[[Trajectory], float]] = {"energy": energy_defect, "entropy": entropy_fall}
     measures |= {name: _momentum(name) for name in model.invariant_names}
     return {name: measure for name, measure in measures.items() if name in integrator.claims}

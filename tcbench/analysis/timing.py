@@ -1,7 +1,6 @@
-"""Timing a run: its seconds, for the tables, and the work that it is, by which repeats are counted.
+"""Timing of runs: seconds for the tables, processor seconds to decide how often a run is repeated.
 
-Seconds of one and the same run wander by 5 to 40 % on a busy machine, where others take the core away; those of the
-processor, which do not count that, by 1 to 3 %.
+On a busy machine seconds of one run wander by 5 to 40 %, processor seconds by 1 to 3 %.
 """
 
 from __future__ import annotations
@@ -28,15 +27,14 @@ Run = Callable[[bool], tuple[Row, float]]  # run(first) -> row, seconds
 
 
 class Timing(NamedTuple):
-    """What `timed` found: the row of the run, the seconds of its repeats, and the least of those that others have not
-    taken."""
+    """The result of `timed`: the row of the run, the seconds of its repeats, and the least of its processor seconds."""
 
     row: Row
     seconds: list[float]
     work: float = math.nan
 
     def columns(self) -> Row:
-        """As a rung of a table has them."""
+        """The columns of a table's rung."""
         least, middle = (min(self.seconds), median(self.seconds)) if self.seconds else (math.nan, math.nan)
         return {"wall_time_min_s": least, "wall_time_median_s": middle}
 
@@ -44,8 +42,8 @@ class Timing(NamedTuple):
 def timed(run: Run, spent: float, warm: bool = False) -> Timing:
     """A run and its repeats; one that fails is not repeated.
 
-    spent: processor seconds for all repeats, what surrounds them included (of runs of 20 us that is most of it).
-    warm: the method has run before. A long first run is then one of the repeats: it has nothing left to load.
+    spent : processor seconds for all repeats, overhead included, which is most of a run of 20 us. warm : the method has
+    run before; a long first run then counts as a repeat, for it has nothing left to load.
     """
     row, elapsed, work = _once(run, first=True)
     if row["status"] != "ok":
@@ -67,9 +65,9 @@ def timed(run: Run, spent: float, warm: bool = False) -> Timing:
 
 
 def _once(run: Run, first: bool) -> tuple[Row, float, float]:
-    """Row, seconds, and seconds without what others took of the core.
+    """Row, seconds, and the smaller one of seconds and processor seconds.
 
-    The processor time is of all that surrounds the run, too, the seconds are not: the smaller one is the better bound.
+    Processor seconds include overhead, seconds include waiting for the core: the smaller one is the better bound.
     """
     begin = time.process_time()
     row, elapsed = run(first)
@@ -80,8 +78,8 @@ _WARM: set[tuple[Any, ...]] = set()  # in this process
 
 
 def warm_up(integrator: Integrator, scenario: Scenario, controls: Iterable[Mapping[str, Any]]) -> None:
-    """A short run for each of these settings (dt, tolerance), once in a process: what loads or compiles does so before
-    the clock runs; heyoka compiles anew for each tolerance."""
+    """A short run for each of these settings (dt, tolerance), once in a process, so that loading and compiling are not
+    timed; heyoka compiles anew for each tolerance."""
     for control in controls:
         key = integrator.name, scenario.model.structure, control.get("tolerance")
         if key not in _WARM:
@@ -91,7 +89,7 @@ def warm_up(integrator: Integrator, scenario: Scenario, controls: Iterable[Mappi
 
 
 class Solved(NamedTuple):
-    """What an adaptive solver gave: states at the times, its counts, seconds; status, and why there are none."""
+    """The result of an adaptive solver: states (k, n) at the times, counts, seconds; status, and why there are none."""
 
     states: Any
     counts: Row
@@ -101,7 +99,7 @@ class Solved(NamedTuple):
 
 
 def solved(integrator: Integrator, scenario: Scenario, times: ArrayLike, tolerance: float) -> Solved:
-    """One call of an adaptive solver; that it gives up is a result."""
+    """One call of an adaptive solver; a failure is a result, too."""
     model, z0, t = scenario.model, scenario.z0.copy(), np.asarray(times, dtype=float)
     begin = time.perf_counter()
     try:

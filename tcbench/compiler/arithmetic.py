@@ -40,16 +40,16 @@ def handler(kind: str) -> str:
 
 
 class Arithmetic:
-    """What `Body` needs to evaluate an expression at the place where its text ends."""
+    """The part of `Body` that emits code for arithmetic and logic at the end of its text."""
 
-    module: Any  # of translator: declares what is called
-    function: Any  # of translator: the one that is translated
+    module: Any  # translator.Module: declares the functions that are called
+    function: Any  # translator.Function that is translated
     names: Mapping[str, Any]  # globals of the function
     lines: list[str]
     values: dict[str, Value]  # names that are assigned once
     cells: dict[str, Value]  # names that are assigned again: kind, addresses
-    assigned: dict[str, int]  # how often each local name is
-    definite: set[str]  # local names that are set on every way that leads here
+    assigned: dict[str, int]  # number of assignments to each local name
+    definite: set[str]  # local names that every way to this place has assigned
     block: str
     count = 0
 
@@ -88,7 +88,7 @@ class Arithmetic:
         return (kind, self.convert(node, value, kind)) if kind else (value.kind, self.part(value))
 
     def convert(self, node: ast.AST, value: Value, kind: str) -> str:
-        """The number as another kind, where Python would take it as that: bool as int, int as float."""
+        """The number converted as Python does: bool to int, int to float; a refusal otherwise."""
         code = self.part(value)
         if value.kind == kind:
             return code
@@ -100,7 +100,7 @@ class Arithmetic:
         raise self.refusal(node, f"{say(value.kind)} stands where {say(kind)} is needed")
 
     def common_kind(self, node: ast.AST, kinds: list[Any]) -> str:
-        """The kind that numbers of these kinds become in an operation of both."""
+        """The kind of the result of an operation on numbers of these kinds."""
         if not all(k in (INT, FLOAT, BOOL) for k in kinds):
             raise self.refusal(node, f"{' and '.join(map(say, kinds))} have no common kind")
         return kinds[0] if len(set(kinds)) == 1 else FLOAT if FLOAT in kinds else INT
@@ -216,7 +216,7 @@ class Arithmetic:
         return self.emit(f"fcmp {real} double {x}, {y}" if kind == FLOAT else f"icmp {whole} {kind} {x}, {y}")
 
     def _boolop(self, node: ast.BoolOp) -> Value:
-        """and, or: what follows is evaluated only where it matters."""
+        """and, or: later operands are evaluated only where they matter."""
         over, ways = self.label("over"), []
         for x in node.values[:-1]:
             test, more = self.truth(x), self.label("more")
@@ -251,7 +251,7 @@ class Arithmetic:
         return Value(Several(tuple(kind for kind, _ in values)), tuple(code for _, code in values))
 
     def _extreme(self, node: ast.Call, beyond: str) -> Value:
-        """As in Python: the first, unless a later one is beyond it."""
+        """min or max as in Python: the first operand, unless a later one is beyond it."""
         kind, (best, *others) = self.common(node, [self.value(x) for x in node.args])
         code = f"fcmp o{beyond} double" if kind == FLOAT else f"icmp s{beyond} {kind}"
         for other in others:

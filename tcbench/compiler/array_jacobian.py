@@ -1,4 +1,4 @@
-"""Numbers that all entries read, and sums that are read again, as unknowns of their own: a Jacobian stays sparse."""
+"""Makes numbers that all entries read, and sums that are read again, unknowns: Jacobians stay sparse."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .arrays import NUMBER, variable
 from .derivatives import ManyPairs, Term, depends_on, jacobian_terms, substitute, topological
 from .symbols import Symbol
 
-MOST_OF_PAIRS = 100  # terms over pairs of entries that meet in a sum, above which the sum becomes an unknown
+MOST_OF_PAIRS = 100  # terms of a Jacobian over pairs of entries that meet in a sum, above which it becomes an unknown
 
 __all__ = ["Term", "jacobian_terms", "shared_as_unknowns"]
 
@@ -17,17 +17,16 @@ __all__ = ["Term", "jacobian_terms", "shared_as_unknowns"]
 def shared_as_unknowns(
     rows: Sequence[Symbol], unknowns: Sequence[Symbol]
 ) -> tuple[list[Symbol], list[Symbol], dict[Symbol, Symbol]]:
-    """Numbers that depend on the unknowns and that all entries of an array read, such as means, become unknowns of
-    their own, each with a row: the Jacobian stays sparse.
+    """(rows, unknowns, expressions): numbers that depend on the unknowns and that all entries of an array read, such as
+    means, become unknowns of their own, each with an equation.
 
-    So do sums along tables that are read along tables again, as temperatures of nodes that elements make of the strains
-    around them, where their slopes would be many: each row sees its neighbours, and not those of its neighbours.
-
-    Returns all rows, all unknowns, and these numbers in terms of the unknowns that were given.
+    So do sums along tables that are read along tables again, such as nodal temperatures made of the strains around a
+    node, where their slopes would be many: a row then depends on its neighbours, not on theirs. The expressions are
+    these numbers by the unknowns that were passed.
     """
     rows, unknowns, shared = list(rows), list(unknowns), dict[Symbol, Symbol]()
     more: list[Symbol] = []
-    sums_too: bool | None = None  # not known yet
+    sums_too: bool | None = None  # None: not decided yet
     while True:
         nodes = topological([*rows, *more])
         moving = depends_on([*rows, *more], unknowns) - {x.number for x in unknowns}
@@ -59,9 +58,9 @@ def _many_pairs(rows: Sequence[Symbol], unknowns: Sequence[Symbol]) -> bool:
 
 
 def _sum_read_again(nodes: Sequence[Symbol], moving: Collection[int]) -> Symbol | None:
-    """The first array that has sums along tables in it and is read along a table: the sums themselves, or what is made
-    of several of them before it is read, whichever are fewer."""
-    sums: dict[int, frozenset[int]] = {}  # of what has sums in it, which
+    """The first array that contains sums along tables and is read along a table: such sums, or expressions of several
+    of them, whichever are fewer."""
+    sums: dict[int, frozenset[int]] = {}  # by node, the sums that it contains
     node_of = {x.number: x for x in nodes}
     read: dict[int, Symbol] = {}
     for node in nodes:

@@ -1,7 +1,7 @@
-"""Kernels of graphs on arrays (`arrays`): a loop over each space, and again where one needs what another has summed.
+"""Kernels of graphs on arrays (`arrays`): a loop over each space, and another one where it needs sums of the first.
 
-The text does not know how many entries there are: sizes, offsets and index tables stand in the kernel's table. So one
-piece of machine code serves a system of any size, and what works on a small one is what works on a large one.
+The text knows no sizes: sizes, offsets and index tables stand in the kernel's table. One piece of machine code serves
+systems of any size, so that tests of small ones hold for large ones.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a mi
 
 @dataclass
 class ArrayKernel:
-    """A kernel of any size: its text, and what its table says for a mesh."""
+    """A kernel for meshes of any size: its text and the layout of its table."""
 
     text: str
     head: list[tuple[Any, ...]]
     inputs: Mapping[str, Sequence[Block]]
     outputs: Sequence[Block]
     arrays: list[str]  # spaces of the intermediate arrays
-    behind: bool  # do they stand behind the outputs? Else memory is asked for at each call
+    behind: bool  # True: intermediate arrays stand behind the outputs; False: each call allocates them
     rows: Mapping[str, int] = field(default_factory=dict)  # of the records of each space, behind those: `array_orders`
 
     def kernel(self, mesh: Mesh, places: Sequence[Shorts] = (), extra: int = 0) -> Kernel:
-        """places: of the terms of a Jacobian, where in its entries they are; extra: room behind the outputs."""
+        """The kernel for a mesh. places : of a Jacobian's terms, their entries. extra : doubles behind the outputs."""
         offsets = {letter: mesh.offsets(blocks) for letter, blocks in self.inputs.items()}
         out = offsets["out"] = mesh.offsets(self.outputs)
         size = out[-1] + extra
@@ -85,10 +85,10 @@ class ArrayKernel:
 
 
 def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], behind: bool = False) -> ArrayKernel:
-    """The kernel that reads the inputs' blocks and fills out with the outputs, one after the other.
+    """The kernel that reads the inputs' blocks and writes the outputs into out, one after the other.
 
-    behind: out has room there for intermediate arrays. A large one that is asked for is new to the machine at each
-    call: of a chain of 100,000 masses a third of the time went into its pages.
+    behind : intermediate arrays stand behind the outputs. Otherwise each call allocates them, and the first touch of
+    new pages took a third of the time for a chain of 100,000 masses.
     """
     return Writer(inputs, outputs, (), -1, behind).written()
 
@@ -97,7 +97,7 @@ def jacobian_kernel(
     inputs: Mapping[str, Sequence[Block]], before: Sequence[Block], terms: Sequence[tuple[Term, Symbol]],
     last: Sequence[Block], behind: bool = False,
 ) -> ArrayKernel:  # fmt: skip
-    """The same with the entries of a Jacobian, to which the terms are added up, between other outputs."""
+    """`array_kernel` with the entries of a Jacobian, the sums of its terms, between other outputs."""
     return Writer(inputs, [*before, Block(ENTRIES, (None,)), *last], terms, len(before), behind).written()
 
 
@@ -108,9 +108,8 @@ def _wanted(outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]) -> l
 def gathered(
     given: Container[int], outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]
 ) -> tuple[list[Block], list[tuple[Term, Symbol]]]:
-    """Outputs and terms with each sum of collects that nothing else reads as one: the force on a node is added up in
-    one array and not in one for each end of a spring, all of which would be read again. given: what is there, by its
-    number."""
+    """Outputs and terms in which a sum of collects that nothing else reads is one collect: the force on a node is then
+    added up in one array, not in one for each end of a spring. given : numbers of the inputs."""
     wanted, replaced = _wanted(outputs, terms), Substitution({})
     replaced.new |= {x.number: x for x in topological(wanted, given) if x.number in given}
     nodes = topological(wanted, set(replaced.new))
@@ -155,7 +154,7 @@ class Writer:
         self.arrays: list[str] = []
         self.rows: dict[str, int] = {}
         self.counter: Iterator[int] = count()
-        self.buffer: Place | None = None  # of the slopes of a group
+        self.buffer: Place | None = None  # for the slopes of a group of terms
         self._plan(given)
 
     def _plan(self, given: dict[int, Any]) -> None:
@@ -166,7 +165,7 @@ class Writer:
         self.stage = {x.number: (self.level[x.number], x.space) for x in self.nodes}
 
     def _levels(self) -> dict[int, int]:
-        """In which round of loops each value is made: what is summed, joined or read elsewhere waits for the next."""
+        """The round of loops that computes each value: sums, joined arrays and values read elsewhere end a round."""
         level: dict[int, int] = {}
         for node in self.nodes:
             if node.number in self.given or not node.args:
@@ -179,7 +178,7 @@ class Writer:
                 )
                 level[node.number] = last + waits
         readers: dict[int, list[Symbol]] = {}
-        for node in reversed(self.nodes):  # what only later loops over its space read is made there, and not kept
+        for node in reversed(self.nodes):  # a value that only later loops over its space read is computed there
             here = readers.get(node.number, [])
             computed = node.space and here and node.number not in self.given and node.op not in ("total", *WHOLE)
             if computed and all(x.space == node.space and x.op not in LINEAR for x in here):
@@ -189,7 +188,7 @@ class Writer:
         return level
 
     def slot(self, *what: Any) -> str:
-        """Name of the number in the table that says this."""
+        """The name of the table's number that is `what`."""
         return f"n{self.head.setdefault(what, len(self.head))}"
 
     def item(self, place: Place, i: str) -> str:
@@ -256,14 +255,14 @@ class Writer:
         return self.level[x.number], space
 
     def _store(self) -> None:
-        """Which values of a loop are read by another loop, and where they stand."""
+        """Give a place to each output and to each value that another loop reads."""
         for x, place, _ in self.targets():
             if x.space and x.op not in ("part", "join"):
                 self.stored.setdefault(x.number, place)
         kept = self._read_elsewhere()
         for node in (x for x in self.nodes if x.op == "join" and x.number not in self.given):
             whole = self.stored[node.number] = self._array(node)
-            for k, x in enumerate(node.args):  # made where it is read
+            for k, x in enumerate(node.args):  # computed into its part of the whole
                 if x.space and x.op not in ("join", "part"):
                     self.stored.setdefault(x.number, whole.part(node.value, k))
         for node in self.nodes:
@@ -274,7 +273,7 @@ class Writer:
                 self.stored[node.number] = self.stored[node.args[0].number].part(space, k)
 
     def _read_elsewhere(self) -> set[int]:
-        """Values of a loop that another one reads; not those that it makes again, by one operation of such values."""
+        """Values that another loop reads, but for those that it computes again by one cheap operation on such."""
         kept, whole = dict[int, Symbol](), set[int]()
         for node in (x for x in self.nodes if x.number not in self.given):
             moves = node.op in ("take", "join", "part")
@@ -284,12 +283,12 @@ class Writer:
                 if a.space and a.op != "part" and (moves or self.stage[a.number] != self.stage[node.number]):
                     kept[a.number] = a
                     whole |= {a.number} if moves else set()
-        there = set(self.stored)
+        stored = set(self.stored)
         for number, node in sorted(kept.items()):
-            args = (a.number in there or not a.space for a in node.args)
+            args = (a.number in stored or not a.space for a in node.args)
             if number in whole or node.op not in CHEAP or not all(args):
-                there.add(number)
-        return there
+                stored.add(number)
+        return stored
 
     # text -----------------------------------------------------------------------------------------------------------
 
@@ -324,7 +323,7 @@ class Writer:
         return [line for place, x, space in each for line in self._copy(place, x, space)]
 
     def _copy(self, place: Place, x: Symbol, space: str) -> list[str]:
-        """An array, or a number for each of its entries, into its place, unless it was made there."""
+        """Copy an array, or a number for each of its entries, to a place, unless it was computed there."""
         if self.stored.get(x.number) == place and x.number not in self.given:
             return []
         value = "" if x.space else self._number(x)
@@ -342,7 +341,7 @@ class Writer:
         return self._loop_over(space, lambda i: Loop(self, depth, space, i).lines)
 
     def _last(self) -> list[str]:
-        """Outputs that are numbers, inputs, parts of others, or the same as others."""
+        """Write the outputs that no loop has written: numbers, inputs, parts of others, and repeated ones."""
         lines = []
         for x, place, space in self.targets():
             lines += self._copy(place, x, space) if space else [f"{self.item(place, '0')} = {self._number(x)}"]

@@ -1,4 +1,4 @@
-"""One loop over the entries of a space, as text: what kernels of graphs on arrays (`array_kernels`) are made of."""
+"""The text of one loop over the entries of a space, for kernels of graphs on arrays (`array_kernels`)."""
 
 from __future__ import annotations
 
@@ -10,33 +10,32 @@ from .derivatives import topological
 from .kernels import derivatives_of, literal
 from .symbols import Symbol
 
-WHOLE = ("collect", "join", "part")  # those are there before the loops of their round
-GROUP = 64  # slopes that are made in one piece of straight-line code, of an element that has more
+WHOLE = ("collect", "join", "part")  # operations whose results are complete before the loops of their round
+GROUP = 64  # slopes in one piece of straight-line code: LLVM takes the square of its length
 
 
 class Place(NamedTuple):
-    """Where an array stands: a letter, a block of it, its component and of how many."""
+    """The place of an array: argument of the kernel, block of it, component and number of components."""
 
     letter: str
     block: int
     component: int = 0
     of: int = 1
-    behind: tuple[str, ...] = ()  # of joined arrays: so many entries stand before it
+    behind: tuple[str, ...] = ()  # spaces of the joined arrays that precede it
 
     def part(self, space: str, k: int) -> Place:
-        """Of joined arrays, space "a+b", those of number k."""
+        """The k-th of joined arrays over space "a+b"."""
         return self._replace(behind=(*self.behind, *space.split("+")[:k]))
 
 
 class Loop:
-    """What one loop does with entry i."""
+    """The lines of one loop, for entry i."""
 
     def __init__(self, writer: Any, depth: int, space: str, i: str) -> None:
         self.start(writer, depth, space, i)
         terms = [k for k, (term, x) in enumerate(writer.terms) if writer.stage_of(x, term.over) == (depth, space)]
         kept = [(x, writer.stored[x.number]) for x in self.here if x.number in writer.stored and x.op not in WHOLE]
         sums = list(self._summed((depth, space)))
-        # LLVM takes the square of the length of straight-line code: the many slopes of large elements come in groups
         groups = [range(k, min(k + GROUP, len(terms))) for k in range(0, len(terms), GROUP)]
         self._make([x for x, _ in kept] + [x for _, x, _ in sums] if len(groups) > 1 else self.here)
         self.lines += [f"{writer.item(place, i)} = {self.names[x.number]}" for x, place in kept]
@@ -64,7 +63,7 @@ class Loop:
         self.derivatives = derivatives_of(self.here)
 
     def _summed(self, stage: tuple[int, str]) -> Iterator[tuple[Symbol, Symbol, Path]]:
-        """Sums to which this loop adds: the sum, what is added, and along which path; () over all."""
+        """The sums to which this loop adds: (sum, term, path); the path of a sum over all entries is ()."""
         for node in self.w.nodes:
             if node.number in self.w.given:
                 continue
@@ -75,7 +74,7 @@ class Loop:
                 yield node, node.args[0], ()
 
     def _make(self, wanted: Sequence[Symbol]) -> None:
-        """The values of this loop that these need."""
+        """Compute the values of this loop that the wanted ones need."""
         writer, needed = self.w, {x.number for x in topological(wanted, set(self.names))}
         for node in self.here:
             if node.number not in needed or node.number in self.names or node.op in WHOLE:
@@ -90,13 +89,13 @@ class Loop:
             self.lines += writer.operation(node, self.names, self.derivatives)
 
     def _entry(self, terms: Sequence[int], which: str) -> str:
-        """Where the slope of a term belongs in the Jacobian."""
+        """The entry of the Jacobian to which a term adds."""
         place = f"table[{self.w.slot('places', *terms)} + {len(terms)} * {self.i} + {which}]"
         item: str = self.w.item(Place("out", self.w.terms_at), place)
         return item
 
     def _entries(self, terms: Sequence[int], group: range, values: Sequence[str]) -> None:
-        """Add slopes of one group among several into the Jacobian, by a loop."""
+        """Add the slopes of a group of terms to the Jacobian, in an inner loop."""
         w = self.w
         if w.buffer is None:
             w.arrays.append(f"#{GROUP}")
@@ -137,7 +136,7 @@ class Loop:
         return self.names[x.number]
 
     def _sum(self, node: Symbol, x: Symbol, path: Path) -> None:
-        """What this loop adds to a sum along a table, or over all."""
+        """Add a term to a sum along a table or over all entries."""
         item = self.value(x)
         if path:
             self.lines.append(f"{self.taken(self.w.stored[node.number], path)} += {item}")

@@ -1,4 +1,4 @@
-"""How many entries spaces have, and where tables lead: all that a size decides."""
+"""Sizes of spaces and entries of tables: all that depends on the size of a system."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from ..errors import MachineError
 from .arrays import NUMBER, Path
 from .symbols import Symbol
 
-MOST_PAIRS = 20_000_000  # entries of a Jacobian that sums of sums may have
+MOST_PAIRS = 20_000_000  # entries that a sum of sums may contribute to a Jacobian
 ENTRIES = "entries of a Jacobian"
 Ints = NDArray[np.int64]
 Shorts = NDArray[np.int32]
 
 
 class Block(NamedTuple):
-    """A part of an input or output: the components of one entry after the other; None: nothing reads it."""
+    """A part of an input or output: for each entry of the space its components; None where nothing reads one."""
 
     space: str
     symbols: tuple[Symbol | None, ...]
 
 
 def alone(values: Sequence[Any], like: Sequence[Symbol] | None = None) -> list[Block]:
-    """Each in a block of its own, over its space or that of its counterpart."""
+    """One block for each value, over its space or that of its counterpart in `like`."""
     return [Block(x.space, (value,)) for value, x in zip(values, like or values, strict=True)]
 
 
 class Mesh:
-    """How many there are of each space, and where each map leads."""
+    """Sizes of spaces, and tables by name, shape (source, columns)."""
 
     def __init__(self, sizes: Mapping[str, int], tables: Mapping[str, Ints]) -> None:
         self.sizes = dict(sizes)
@@ -43,7 +43,7 @@ class Mesh:
         self.pairs = cache(self._pairs)
 
     def with_entries(self, count: int) -> Mesh:
-        """The same beside a Jacobian of so many entries."""
+        """The mesh with a space of `count` entries of a Jacobian."""
         mesh = copy(self)
         mesh.sizes = {**self.sizes, ENTRIES: count}
         return mesh
@@ -51,14 +51,14 @@ class Mesh:
     def size(self, space: str) -> int:
         if space == NUMBER:
             return 1
-        if space[0] == "#":  # a number of entries itself
+        if space[0] == "#":  # the name is the size
             return int(space[1:])
         if space not in self.sizes and "+" in space:
             self.sizes[space] = sum(self.size(part) for part in space.split("+"))
         return self.sizes[space]
 
     def along(self, path: Path, over: str = NUMBER) -> Ints:
-        """Where the path leads, for each entry at its beginning; -1 where it leads out of a part of joined arrays."""
+        """The entry at the end of a path for each at its beginning, (size,); -1 outside of a part of joined arrays."""
         source = path[0].source if path else over
         if path and isinstance(path[0].name, tuple):
             self.pairs(*path[0].name[1:3], source)
@@ -78,7 +78,7 @@ class Mesh:
         return members
 
     def _pairs(self, path: Path, rows: Path, name: str) -> tuple[Ints, Ints]:
-        """Each entry at the beginning of one path with each at the beginning of the other that leads to the same."""
+        """The pairs of entries at the beginnings of two paths that lead to one entry: two arrays of shape (pairs,)."""
         one, other = self.along(path), self.along(rows)
         order = np.argsort(other, kind="stable")
         first, last = (np.searchsorted(other[order], one, side) for side in ("left", "right"))
@@ -94,35 +94,35 @@ class Mesh:
         return left, order[np.repeat(first, counts) + within]
 
     def offsets(self, blocks: Sequence[Block]) -> list[int]:
+        """The place of each block, and the length of all."""
         return [0, *np.cumsum([self.size(b.space) * len(b.symbols) for b in blocks]).tolist()]
 
 
 class Scattered(NamedTuple):
-    """Rows and columns of the entries that terms of a Jacobian have, each once, and where in these each term has its
-    own; -1: it is fixed there."""
+    """Entries of a Jacobian: their rows and columns, shape (entries,), and for each term the entry of each of its
+    values; -1 where it has none."""
 
     rows: Ints
     columns: Ints
     own: list[Shorts]
 
     def places(self, where: Ints, behind: int) -> list[Shorts]:
-        """For a kernel, where the entries stand here; what is fixed is written behind."""
-        there = np.append(where, behind).astype(np.int32)
-        return [there[own] for own in self.own]
+        """The places of the terms' values from those of the entries, `where` (entries,); `behind` without an entry."""
+        places = np.append(where, behind).astype(np.int32)
+        return [places[own] for own in self.own]
 
 
 def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, Any]]) -> Scattered:
-    """In the order of the blocks. terms: each with the number of its row among their symbols.
+    """The entries of a Jacobian whose rows and columns are the blocks. terms : (number of the row's symbol, term).
 
-    The pairs of entries of two spaces are looked for once for all terms along the same two paths, not once for each of
-    hundreds of components.
+    Pairs of entries of two spaces are computed once for all terms along the same two paths: components have hundreds.
     """
     starts = mesh.offsets(blocks)
     place = [(starts[k] + c, len(b.symbols)) for k, b in enumerate(blocks) for c in range(len(b.symbols))]
     which = {x.number: i for i, x in enumerate(x for b in blocks for x in b.symbols if x is not None)}
     spaces = [b.space for b in blocks for _ in b.symbols]
-    ways: dict[tuple[str, str], dict[tuple[str, Path, Path], None]] = {}  # of two spaces, the pairs of paths
-    parts: dict[tuple[int, int], dict[tuple[str, Path, Path], None]] = {}  # of two components, theirs
+    ways: dict[tuple[str, str], dict[tuple[str, Path, Path], None]] = {}  # by two spaces, the pairs of paths
+    parts: dict[tuple[int, int], dict[tuple[str, Path, Path], None]] = {}  # by two components, theirs
     for i, term in terms:
         j, way = which[term.unknown.number], (term.over, term.rows, term.columns)
         ways.setdefault((spaces[i], spaces[j]), {})[way] = None
@@ -161,8 +161,8 @@ def scattered(mesh: Mesh, blocks: Sequence[Block], terms: Sequence[tuple[int, An
 def _met(
     mesh: Mesh, n_rows: int, n_columns: int, ways: Sequence[tuple[str, Path, Path]]
 ) -> tuple[Ints, dict[tuple[str, Path, Path], Shorts]]:
-    """The pairs (row, column) at the ends of some pairs of paths, each once, as row * n_columns + column; and which of
-    them each entry of each pair of paths has; -1: none."""
+    """The distinct pairs (row, column) at the ends of pairs of paths, as row * n_columns + column, sorted; and for each
+    pair of paths the number of its entries' pairs among them, -1 for none."""
     keys = []
     for over, row, column in ways:
         r, c = mesh.along(row, over), mesh.along(column, over)

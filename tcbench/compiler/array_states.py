@@ -1,4 +1,4 @@
-"""States of arrays over spaces, and what does the same for arrays of symbols entry by entry and over spaces."""
+"""States of arrays over spaces, and functions that treat symbols one by one and arrays over spaces alike."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def is_array(*values: Any) -> bool:
 
 
 def each(function: Callable[..., Any], *arrays: Any, count: int = 1) -> Any:
-    """function(x, y, ...) of each entry, an array as these are; count: so many, of a function of several values."""
+    """function(x, y, ...) of each entry, an array like x; a tuple of `count` arrays of a function of several values."""
     if not is_array(*arrays):
         values = [function(*entry) for entry in zip(*arrays, strict=True)]
         return array(values) if count == 1 else tuple(array(side) for side in zip(*values, strict=True))
@@ -38,14 +38,14 @@ def each(function: Callable[..., Any], *arrays: Any, count: int = 1) -> Any:
 
 
 def side_by_side(nodes: Sequence[Any]) -> Any:
-    """Nodes as one array; those of arrays as blocks."""
+    """Nodes as one array; as blocks where some are over spaces."""
     if not any(x.space for x in nodes):
         return array(nodes)
     return Blocks([ArraySymbol(x.space, x) if x.space else x for x in nodes])
 
 
 def entries(*arrays: Any) -> list[Any]:
-    """All nodes of arrays (states, numbers), one after the other."""
+    """All nodes of arrays, states and numbers, one after the other."""
     numbers: list[Any] = []
     for x in arrays:
         if isinstance(x, Blocks):
@@ -56,7 +56,7 @@ def entries(*arrays: Any) -> list[Any]:
 
 
 def refilled(like: Any, values: Sequence[Any]) -> Any:
-    """Arrays (a state, a number) with these nodes in the place of their own."""
+    """An array, state or number like this one, made of other nodes."""
     if isinstance(like, Blocks):
         blocks, at = [], 0
         for block in like.blocks:
@@ -71,7 +71,7 @@ def refilled(like: Any, values: Sequence[Any]) -> Any:
 
 
 def fitted(value: Any, like: Any, name: str) -> Any:
-    """A value as the array, or number, that is needed there."""
+    """A value as an array or number like this one; TraceError for another space or number of components."""
     if isinstance(value, ArraySymbol) and (not isinstance(like, ArraySymbol) or value.space != like.space):
         wanted = f"over {like.space}s" if isinstance(like, ArraySymbol) else "of numbers"
         raise refused(f"{name} is an array {wanted}, and gets one over {value.space}s", TAKE)

@@ -1,6 +1,6 @@
-"""What formulas see of arrays over spaces: numpy arrays without a length, whose entries have no numbers.
+"""Arrays over spaces as formulas see them: numpy arrays without a length, whose entries have no numbers.
 
-A formula in plain numpy is run once on these. Whatever does not do the same with all entries is refused at its line.
+A formula in plain numpy runs once on them. An operation that does not treat all entries alike is refused at its line.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from .trace_errors import refused
 
 SAME = "A formula does the same with all of them: what differs from one to the next is a constant over them"
 
-_OVER = {  # over all entries: name of the total, and the same of symbols
+_OVER = {  # ufunc -> name of the total over all entries, ufunc of symbols
     np.add: ("add", np.add), np.maximum: ("max", np.frompyfunc(maximum, 2, 1)),
     np.minimum: ("min", np.frompyfunc(minimum, 2, 1)),
 }  # fmt: skip
 
 
 class ArraySymbol(NDArrayOperatorsMixin):
-    """An array with an entry for each of `space`; parts: the components of one entry, an object array."""
+    """An array with one entry for each member of `space`; parts : the components of an entry, an object array."""
 
     __array_priority__ = 100.0
 
@@ -77,7 +77,7 @@ class ArraySymbol(NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         if any(hasattr(x, "blocks") for x in inputs):
-            return NotImplemented  # a whole state does it, block by block
+            return NotImplemented  # Blocks do it
         if ufunc is np.matmul and method == "__call__":
             return matmul(*inputs)
         if method == "reduce" and ufunc in _OVER and options.keys() <= {"axis", "keepdims"}:
@@ -135,21 +135,21 @@ class ArraySymbol(NDArrayOperatorsMixin):
 
     @property
     def T(self) -> Any:
-        """x, y = q.T: the components of all."""
+        """The components, arrays over the space: x, y = q.T."""
         if self.parts.ndim > 1:
             raise refused("x.T of an array with several axes of components", "x.mT transposes the matrix of each")
         return Rows(ArraySymbol(self.space, x) for x in self.parts) if self.parts.ndim else self
 
 
 def unknown_way(ufunc: Any, method: str, options: Iterable[str]) -> Exception:
-    """Of a way to call a function of numpy."""
+    """The error for a call of a ufunc that is not supported."""
     if "out" in options:
         return refused("an array is changed in place (+=, out=)", "Write x = x + y")
     return refused(f"np.{ufunc.__name__} with {method} or {sorted(options)} is not known for arrays over a space")
 
 
 class Rows(tuple[Any, ...]):
-    """What `.T` gives: a tuple, which `2 * q.T` does not repeat."""
+    """The value of `.T`: a tuple that refuses arithmetic, by which `2 * q.T` would repeat it."""
 
     def _no_arithmetic(self, _: Any) -> NoReturn:
         raise refused("arithmetic with x.T, the components one by one", "Name them: x, y = q.T")
@@ -162,12 +162,12 @@ class Rows(tuple[Any, ...]):
 
 
 def _inner_axis(axis: Any, ndim: int) -> int:
-    """Of an array of so many axes, the space its first, which of the components is meant; -1: the space."""
+    """The number of an axis among the components of an array with `ndim` axes; -1 for the space, its first axis."""
     return int(normalize_axis_index(axis, ndim)) - 1
 
 
 def space_of(inputs: Iterable[Any]) -> str:
-    """The one space of the arrays that meet; refused where they are of several, or could be taken for others."""
+    """The common space of the arrays among the operands; TraceError for several, and for shapes that do not fit."""
     inputs = list(inputs)
     arrays = [x for x in inputs if isinstance(x, ArraySymbol)]
     if len({x.space for x in arrays}) > 1:
@@ -236,8 +236,8 @@ def call_function(function: Any, args: Any, kwargs: Any) -> Any:
 
 
 class TableSymbol:
-    """A table as formulas see it: which of `target` each entry of `source` has, one or several. summed: of a target
-    "a+b" those that have sums."""
+    """A table as formulas see it: the members of `target` that each entry of `source` names. summed : numbers of the
+    spaces of a target "a+b" that `sums` is over."""
 
     __array_ufunc__ = None
 
@@ -255,7 +255,7 @@ class TableSymbol:
 
     @property
     def T(self) -> Rows:
-        """first, second = self.ends.T: its columns."""
+        """Its columns: first, second = self.ends.T."""
         return Rows(map(self._of, self.columns.T))
 
     def _no_numbers(self, *_: Any, **__: Any) -> NoReturn:
@@ -268,7 +268,7 @@ class TableSymbol:
         return [(i, (Map(self.name, int(c), self.source, self.target),)) for i, c in np.ndenumerate(self.columns)]
 
     def of(self, x: Any) -> ArraySymbol:
-        """x[table]"""
+        """x[table], over the source."""
         if x.space != self.target:
             raise refused(f"the table {self.name!r} names {self.target}s, and the array is over {x.space}s")
         taken = np.empty((*self.columns.shape, *x.parts.shape), dtype=object)
@@ -277,9 +277,9 @@ class TableSymbol:
         return ArraySymbol(self.source, taken)
 
     def sums(self, x: Any) -> Any:
-        """For each of the target the sum of what x has where the table names it: the transpose of x[table].
+        """For each member of the target the sum of x over the table's entries that name it: the transpose of x[table].
 
-        Of a target "a+b" an array over each that has variables: at fixed places nothing is summed.
+        For a target "a+b" an array over each space that has variables: fixed places get no sums.
         """
         if isinstance(x, ArraySymbol) and x.space != self.source:
             raise refused(f"sums() of the table {self.name!r} are of an array over {self.source}s, not {x.space}s")
@@ -303,7 +303,7 @@ class TableSymbol:
 class Blocks(NDArrayOperatorsMixin):
     """Arrays over several spaces, and numbers, one after the other; a state where they have names.
 
-    names: name -> which block. Arithmetic does the same with all of them.
+    names : name -> number of the block. Arithmetic is block by block.
     """
 
     __array_priority__ = 200.0
@@ -362,7 +362,7 @@ class Blocks(NDArrayOperatorsMixin):
 
 
 def joined(arrays: Sequence[Any]) -> ArraySymbol:
-    """Several arrays as one, over "a+b"."""
+    """Several arrays as one over the joined space "a+b"."""
     if not all(isinstance(x, ArraySymbol) for x in arrays) or len({x.parts.shape for x in arrays}) > 1:
         raise refused("arrays over spaces are joined with others of as many components each")
     space = "+".join(x.space for x in arrays)

@@ -1,7 +1,7 @@
-"""Tensors as formulas write them: numpy's functions of components, for all entries of a space alike.
+"""numpy's functions of tensors, for arrays over spaces and for object arrays of symbols.
 
-An array over a space (`array_symbols`) is an object array of the components of one entry, its `parts`; the first axis
-of what its author sees is the space, which has no length. Functions here take it, or an object array of symbols.
+An array over a space (`array_symbols`) holds the components of one entry, an object array `parts`. For its author the
+first axis is the space, which has no length.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .kinks import clip, kinked, where
 from .symbols import TAKE
 from .trace_errors import refused
 
-STAND_IN = 101  # entries of what stands for an array over a space where components are moved
+STAND_IN = 101  # length of the space in a stand-in that shows where numpy moves components
 LARGEST = 3  # rows of a matrix that has a determinant and an inverse, by cofactors
 KEPT = "The first axis of an array over a space stays the first: x.transpose(0, 2, 1), x.reshape(-1, 9), axis=1"
 
@@ -32,7 +32,7 @@ def parts_of(x: Any) -> Any:
 
 
 def _as(x: Any, parts: Any) -> Any:
-    """Components as an array like x."""
+    """Components as an array of the kind of x."""
     return type(x)(x.space, parts) if is_over(x) else parts
 
 
@@ -40,7 +40,7 @@ def _as(x: Any, parts: Any) -> Any:
 
 
 def rearranged(function: Callable[..., Any], x: Any, *args: Any, **options: Any) -> Any:
-    """What only moves components, in numpy's own words: done to numbers that tell from where each comes."""
+    """A function of numpy that only moves components, applied to numbers that show where each one goes."""
     size = x.parts.size
     stand_in = np.arange(STAND_IN * size).reshape(STAND_IN, *x.parts.shape)
     try:
@@ -86,7 +86,7 @@ def contracted(terms: Sequence[str], out: str, operands: Sequence[Any]) -> Any:
 
 
 def _letters(terms: list[str], out: str | None, dims: Sequence[int]) -> tuple[list[str], str]:
-    """Terms with letters in the place of dots, and the output that they leave to be understood."""
+    """Terms with letters in the place of dots, and the output, by einsum's rule where it is not written."""
     free = [c for c in string.ascii_letters if c not in "".join(terms)]
     most = max((n - len(t) + 3 for t, n in zip(terms, dims, strict=True) if "..." in t), default=0)
     dots = "".join(free[:most])
@@ -124,7 +124,7 @@ def tensordot(a: Any, b: Any, axes: Any = 2) -> Any:
 
 
 def matmul(a: Any, b: Any) -> Any:
-    """x @ y: over all entries, of the matrices of each, or of these with fixed numbers."""
+    """x @ y: the dot product over all entries, products of each entry's matrices, or of these with fixed numbers."""
     n, m = int(np.ndim(a)), int(np.ndim(b))
     if is_over(a) and is_over(b) and (n == m == 1 or min(n, m) > 2):
         return (a * b).sum() if n == 1 else _as(_one_space([a, b]), a.parts @ b.parts)
@@ -172,13 +172,13 @@ def _crossed(a: Any, b: Any) -> Any:
 
 
 def det(a: Any) -> Any:
-    """By cofactors: products only, so its discrete gradient keeps all digits."""
+    """Determinants by cofactors: only products, whose discrete gradient keeps all digits."""
     A = _matrices(a, "det")
     return _as(a, (A[..., 0, :] * _cofactors(A)[..., 0, :]).sum(axis=-1))
 
 
 def inv(a: Any) -> Any:
-    """Cofactors over the determinant."""
+    """Inverses: cofactors over the determinant."""
     A = _matrices(a, "inv")
     C = _cofactors(A)
     whole = np.asarray((A[..., 0, :] * C[..., 0, :]).sum(axis=-1), dtype=object)
@@ -220,7 +220,7 @@ TENSORS: dict[Any, Callable[..., Any]] = {
 
 
 class SymbolArray(np.ndarray):
-    """Symbols one by one, in a small system, with the same functions: numpy's own know numbers only."""
+    """An object array of symbols for which numpy's choices, determinants and inverses work."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         operands = [_plain(x) for x in inputs]
@@ -245,12 +245,12 @@ def _plain(x: Any) -> Any:
 
 
 def symbols(x: Any) -> Any:
-    """An array of symbols as one on which numpy's functions choose; anything else as it is."""
+    """An object array as a `SymbolArray`; anything else unchanged."""
     return x.view(SymbolArray) if type(x) is np.ndarray and x.dtype == object else x
 
 
 def _most(ufunc: Any, x: Any, axis: Any) -> Any:
-    """The largest or smallest along axes."""
+    """The largest or smallest entry along axes."""
     of_two = kinked(ufunc)
     axes: Iterable[int] = range(x.ndim) if axis is None else [axis] if isinstance(axis, int) else axis
     for k in sorted((a % x.ndim for a in axes), reverse=True):

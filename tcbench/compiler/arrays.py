@@ -8,8 +8,8 @@ of numbers, and four operations lead from one space to another,
     total(x)           the sum (maximum, minimum) over all entries                 x.sum()
     join(x, y), part   entries of several spaces, one after the other              np.concatenate([x, y])[self.ends]
 
-take and collect are each other's transposes, and so are total and what a number does with an array, join and part.
-What formulas see of them is in `array_symbols`.
+take and collect are each other's transposes, and so are total and the broadcast of a number, and join and part.
+`array_symbols` shows them to formulas.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NO_SLOPE = "The largest or smallest of all has no derivative."
 
 
 class Map(NamedTuple):
-    """For each entry of `source` one of `target`: column `column` of the table `name`."""
+    """A map from entries of `source` to entries of `target`: column `column` of the table `name`."""
 
     name: Any
     column: int
@@ -39,7 +39,7 @@ Path = tuple[Map, ...]
 
 
 def variable(name: str, space: str) -> Symbol:
-    """A fresh array."""
+    """A new variable over a space."""
     x = symbols.variable(name)
     x.space = space
     return x
@@ -62,7 +62,7 @@ def collect(terms: Sequence[tuple[Symbol, Path]]) -> Symbol:
 
 
 def total(op: str, x: Symbol, space: str) -> Symbol:
-    """op: "add", "max" or "min"."""
+    """The sum ("add"), maximum or minimum of x over all entries of a space."""
     if space == NUMBER or (x.space == NUMBER and op != "add"):
         return x
     if x.space == NUMBER:
@@ -71,7 +71,7 @@ def total(op: str, x: Symbol, space: str) -> Symbol:
 
 
 def count(space: str) -> Symbol:
-    """How many entries a space has."""
+    """The number of entries of a space."""
     return intern("count", (), space)
 
 
@@ -84,14 +84,14 @@ def join(parts: Sequence[Symbol], space: str) -> Symbol:
 
 
 def part(x: Symbol, k: int, space: str) -> Symbol:
-    """Of joined arrays, space "a+b", those of number k; an array alone is all of it."""
+    """The k-th of arrays joined over the space "a+b"; x itself where nothing is joined."""
     if x.op == "join":
         return x.args[k]
     return x if x.space == NUMBER or "+" not in space else intern("part", (x,), (k, space), space=space.split("+")[k])
 
 
 def rebuilt(op: str, args: Sequence[Any], value: Any) -> Symbol:
-    """One of these operations on other arguments."""
+    """An operation of `LINEAR` on other arguments."""
     match op:
         case "collect":
             return collect(list(zip(args, value, strict=True)))
@@ -117,14 +117,14 @@ def space_of(op: str, value: Any) -> str:
 
 
 def reader(node: Symbol, k: int) -> str:
-    """The space of those that read argument k of an operation."""
+    """The space whose entries read argument k of an operation."""
     if node.op == "join":
         return str(node.value.split("+")[k])
     return str(node.value[k][0].source) if node.op == "collect" else node.space
 
 
 def transposed(node: Symbol, y: Symbol) -> tuple[Symbol, ...]:
-    """Of one of these operations: what a covector y of its value is for each argument."""
+    """The transpose of an operation of `LINEAR`: the covectors of its arguments from the covector y of its value."""
     match node.op:
         case "take":
             return (collect([(y, node.value)]),)

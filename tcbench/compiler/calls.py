@@ -1,4 +1,4 @@
-"""How a kernel at an address is called: by LLVM code that looks at numpy's arrays itself, quicker than ctypes would."""
+"""Calls of kernels by address, through LLVM code that reads numpy's arrays itself: faster than ctypes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _ARRAYS = ("a", "b", "out")
 
 
 def _checked_call() -> str:
-    """LLVM code of evaluate(kernel, a, b, out) on numpy's objects: 1, and nothing is done, unless all three are
-    contiguous arrays of doubles, and the last can be written. It reads there what is numpy's binary interface."""
+    """LLVM code of evaluate(kernel, a, b, out) on numpy's objects. It returns 1 and does nothing unless all three are
+    contiguous arrays of doubles and the last can be written; their layout is numpy's binary interface."""
     lines = ["@kinds = global [2 x i64] zeroinitializer"]
     lines.append("define i64 @evaluate(i64 %kernel, ptr %a, ptr %b, ptr %out) {\nentry:")
     lines.append("  %array = load i64, ptr @kinds\n  %at = getelementptr i64, ptr @kinds, i64 1")
@@ -50,7 +50,7 @@ NATIVE: list[Any] = []
 
 
 def native() -> list[Any]:
-    """[evaluate, run_kernel] of `_checked_call`, as ctypes has them; they are too short to release the lock."""
+    """[evaluate, run_kernel] of `_checked_call` as ctypes functions that keep the lock: they are short."""
     with LOCK:
         if not NATIVE:
             checked, unchecked, kinds = addresses(["evaluate", "run_kernel", "kinds"], _checked_call)
@@ -61,5 +61,5 @@ def native() -> list[Any]:
 
 
 def run_kernel(kernel: int, a: Any, b: Any, out: Any) -> None:
-    """Run one kernel, by its address, on arrays that are known to be contiguous and of float64."""
+    """Run a kernel, by its address, on contiguous float64 arrays; this is not checked."""
     native()[1](kernel, address_of(a), address_of(b), address_of(out))

@@ -30,24 +30,24 @@ from .divided_differences import Corners, rectangle
 from .kinks import argument_of_sign, slope_of_sign
 
 ZERO, ONE = const(0.0), const(1.0)
-MANY = 4.0  # a node of a higher degree may be so much smaller at its end that start + increment has lost its digits
+MANY = 4.0  # degree above which a node may be so much smaller at its end that start + increment loses its digits
 
 
 def gradient(output: Symbol, inputs: Sequence[Symbol]) -> list[Symbol]:
-    """df/dz, all of it at the cost of a few evaluations of f."""
+    """df/d(inputs), shape (len(inputs),), at the cost of a few evaluations of f: reverse mode."""
     by = covectors(output, inputs)
     return [by.get(x.number, ZERO) for x in inputs]
 
 
 def covectors(output: Symbol, inputs: Sequence[Symbol]) -> dict[int, Symbol]:
-    """df by each node under f that depends on the inputs, by its number."""
+    """df/d(node), by number, of each node under f that depends on the inputs."""
     return _backwards(output, inputs, lambda node: (ONE,) if node.op == "mark" else partials(node))
 
 
 def discrete_gradient(
     output: Symbol, inputs: Sequence[Symbol], start: Sequence[Symbol], step: Sequence[Symbol]
 ) -> list[Symbol]:
-    """D f(start, start + step) of a formula in the inputs."""
+    """D f(start, start + step), shape (len(inputs),), of a formula f of the inputs."""
     moving = depends_on([output], inputs)
     edges = {x.number: Edge(a, d) for x, a, d in zip(inputs, start, step, strict=True)}
     slopes: dict[int, tuple[Symbol, ...]] = {}
@@ -76,7 +76,7 @@ def discrete_gradient(
 
 
 def _degree(node: Symbol, of: Sequence[float]) -> float:
-    """How fast a node may grow with the inputs, as a polynomial of this degree: infinity for exponentials."""
+    """A bound of the growth of a node with the inputs, as the degree of a polynomial: infinite for exponentials."""
     if node.op == "mul":
         return sum(of)
     if node.op == "pow":
@@ -90,8 +90,8 @@ def _degree(node: Symbol, of: Sequence[float]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """The values of a node at both ends: one of them, and the increment, which keeps its digits. Of a node that may
-    have grown or shrunk by orders of magnitude the other value, too: start + increment is not what is left of it."""
+    """The value of a node at the start, and its increment, which keeps its digits. A node that may shrink by orders of
+    magnitude has its value at the end, too: start + increment would have lost its digits."""
 
     value: Symbol
     step: Symbol
@@ -107,7 +107,7 @@ class Edge:
 
 
 def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> tuple[Symbol, ...]:
-    """Of an operation by each of its arguments, symmetric in both ends; value: its result at the start."""
+    """Divided differences of an operation by each argument, symmetric in both ends. value : its result at the start."""
     op, x = node.op, edges[0]
     if op in ("add", "sub", "neg", "mark"):
         return partials(node)
@@ -120,7 +120,7 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         return (jump, ZERO) if first else (ZERO, jump)
     if op == "recip":
         return (-(value * reciprocal(x.end)),)
-    if op == "pow":  # exp(exponent log(base)), or of what may be 0 a root and a whole power
+    if op == "pow":  # exp(exponent log(base)); of a base that may be 0 a root and an integer power
         y = edges[1]
         power = y.value.value if is_const(y.value) else math.inf
         if math.isfinite(power) and (power > 1.0 or power % 1 == 0) and not x.value.positive:
@@ -144,26 +144,26 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
 
 
 def _of_product(a: Edge, b: Edge) -> tuple[Symbol, Symbol]:
-    """Of a b: the midpoints of the other; where one may grow as the other shrinks f/b = a's own: 2 b b1/(b + b1) by a
-    and (a b + a1 b1)/(b + b1) by b of one sign, whose products with the increments are no larger than a b itself."""
+    """Divided differences of a b: the midpoints of b and of a. Where one may grow as the other shrinks, 2 b b1/(b + b1)
+    by a and (a b + a1 b1)/(b + b1) by b, whose products with the increments are no larger than a b itself."""
     for x, y in ((a, b), (b, a)):
         if x.at_end is not None and y.at_end is not None and (y.value.positive or y.value.op == "recip"):
             below = reciprocal(y.value + y.end + ops.TINIER)
-            found = 2.0 * y.value * (y.end * below), (x.value * y.value + x.end * y.end) * below
-            return found if y is b else found[::-1]
+            slopes = 2.0 * y.value * (y.end * below), (x.value * y.value + x.end * y.end) * below
+            return slopes if y is b else slopes[::-1]
     return b.middle, a.middle
 
 
 def _of_function(op: str, x: Edge) -> Symbol:
-    """Of an elementary function of one argument, by the rules of `divided_differences`."""
+    """The divided difference of an elementary function of one argument."""
     if op == "log" and x.at_end is not None:
         return reciprocal(x.value * ONE.make("phi", x.at_end.log() - x.value.log()))
     if op == "log1p" and x.at_end is not None:
         return reciprocal((x.value + 1.0) * ONE.make("phi", x.at_end.log1p() - x.value.log1p()))
     rule = ops.OPERATIONS[op].difference if op in ops.OPERATIONS else None
     if x.at_end is not None and callable(rule) and ops.OPERATIONS[op].arguments == 1:
-        of_end: Symbol = rule(x.value, x.at_end, x.step)
-        return of_end
+        slope: Symbol = rule(x.value, x.at_end, x.step)
+        return slope
     along, _ = rectangle(x.value, x.step, ZERO, ZERO)
     row = ops.OPERATIONS.get(op)
     corners: Corners = getattr(along, row.numpy if row else op)()
@@ -186,7 +186,7 @@ def _backwards(
                 continue
             if of_arrays or argument.space != node.space:
                 part = slope if of_arrays else mul(y, slope)
-                if argument.space == arrays.NUMBER and node.op != "total":  # a number that all entries read
+                if argument.space == arrays.NUMBER and node.op != "total":  # all entries read this number
                     part = arrays.total("add", part, arrays.reader(node, k))
                 by[argument.number] = add(by[argument.number], part) if argument.number in by else part
             else:

@@ -1,8 +1,8 @@
 """Complex numbers whose parts are symbols: for methods that step through complex time and keep the real part.
 
 A formula that is branch-free numpy runs on object arrays of `Complex` as it does on symbols; its two parts stay real
-graphs, so that compiled steps need no complex arithmetic of their own. Functions are the principal branches; `log` and
-`sqrt` need a positive real part, which shapes and temperatures have for the sub-steps of a convergent step.
+graphs, and compiled steps need no complex arithmetic. Functions are the principal branches; `log` and `sqrt` need a
+positive real part, which shapes and temperatures have in the sub-steps of a convergent step.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A formula f(z) written as F(y(z)), where each y_b is a polynomial of degree 1 or 2 in z and F holds all that is not.
+"""A formula f(z) written as F(y(z)): each y_b is a polynomial of degree 1 or 2 in z, F contains the rest.
 
 The midpoint rule and Gauss's integrate quadratic y exactly, so only the slopes F_b = dF/dy_b need care; and whatever
 numbers stand for these, the gradient sum_b F_b grad y_b(z) keeps the invariants that belong to symmetries of the y,
@@ -17,7 +17,7 @@ from .derivatives import Symbol
 
 
 class Cut:
-    """f, a formula in the variables x, as F(y(x)). inner: the y in x; y: symbols for them; outer: F in those."""
+    """f(x) as F(y(x)). inner : the y by x. y : symbols for them. outer : F by those."""
 
     def __init__(self, f: Symbol, x: Sequence[Symbol]) -> None:
         self.x = list(x)
@@ -34,7 +34,7 @@ class Cut:
         self.slopes = gradient(self.outer, self.y)
 
     def values(self, z: Sequence[Symbol]) -> list[Symbol]:
-        """The y at a state."""
+        """The y at a state z."""
         return trace.substitute(self.inner, dict(zip(self.x, z, strict=True)))
 
     def moved(self, z: Sequence[Symbol], dz: Sequence[Symbol]) -> list[Symbol]:
@@ -60,7 +60,7 @@ class Cut:
 
 
 def with_squares(f: Symbol) -> Symbol:
-    """f with a root of a sum of squares in the place of each hypot: the sum is an invariant where its terms are not."""
+    """f with sqrt(x^2 + y^2) in the place of each hypot: the sum is an invariant where its terms are not."""
     roots: dict[Symbol, Symbol] = {}
     squares: dict[Symbol, Symbol] = {}
     for node in trace.topological([f]):
@@ -72,8 +72,9 @@ def with_squares(f: Symbol) -> Symbol:
 
 
 def degrees(outputs: Sequence[Symbol], x: Sequence[Symbol], given: dict[int, float] | None = None) -> dict[int, float]:
-    """Of each node under the outputs, by number, its degree as a polynomial in x, or a bound of it; infinity of what is
-    none. known: those of nodes seen before, to which these are added."""
+    """A bound of the degree of each node under the outputs, by number, as a polynomial in x; infinity for other nodes.
+
+    given : degrees of other nodes, to which these are added."""
     degree = {} if given is None else given
     degree |= {s.number: 1.0 for s in x}
     for node in trace.topological_beyond(outputs, degree):

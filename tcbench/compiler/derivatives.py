@@ -1,6 +1,6 @@
-"""What can be done with a traced formula: exact derivatives, substitution, order of evaluation.
+"""Operations on traced formulas: exact derivatives, substitution, order of evaluation.
 
-`symbols` has the nodes and the constructors, which are named here too: `trace.variable`, `trace.jacobian`, ...
+Nodes and constructors of `symbols` are re-exported: `trace.variable`, `trace.jacobian`, ...
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .trace_errors import refused
 
 
 def maximum(a: Symbol, b: Symbol) -> Symbol:
-    """max(a, b); has no derivative, and drops a NaN: `guarded` keeps it."""
+    """max(a, b), which has no derivative and drops NaN; `guarded` keeps it."""
     return intern("max", (a, b))
 
 
@@ -60,8 +60,8 @@ def guarded(value: Symbol, terms: Iterable[Symbol]) -> Symbol:
 
 
 def mark(x: Symbol) -> Symbol:
-    """The same value, as an intermediate through which derivatives are accumulated (it saves operations, e.g. when
-    everything in an element depends on all positions through one strain measure)."""
+    """x as an intermediate through which derivatives are accumulated. This saves operations where all of an element
+    depends on many positions through one strain measure."""
     return x if x.op in ("const", "var", "mark") else intern("mark", (x,))
 
 
@@ -69,7 +69,7 @@ def mark(x: Symbol) -> Symbol:
 
 
 def partials(node: Symbol) -> tuple[Symbol, ...]:
-    """Derivative of a node by each of its arguments."""
+    """The derivatives of a node by its arguments; TraceError where an operation has none."""
     slopes = ops.partials(node.op, node, *node.args)
     if not slopes:
         raise refused(f"the operation {node.op!r} has no derivative here")
@@ -77,7 +77,7 @@ def partials(node: Symbol) -> tuple[Symbol, ...]:
 
 
 def topological(outputs: Iterable[Symbol], excluded: Container[int] = ()) -> list[Symbol]:
-    """Every node that the outputs need, arguments before users; without what stands beneath given ones (by number)."""
+    """The nodes that the outputs need, arguments before users; not those beneath `excluded` ones (by number)."""
     seen: dict[int, Symbol] = {}
     stack = list(outputs)
     while stack:
@@ -99,14 +99,14 @@ def jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> NDArray[np.
 
 
 def sparse_jacobian(outputs: Sequence[Symbol], inputs: Sequence[Symbol]) -> list[dict[int, Symbol]]:
-    """Exact derivatives of numbers: of each output a row, position of the input -> slope, zeros left out."""
+    """Exact derivatives of numbers: for each output a row, position of the input -> slope, without zeros."""
     place = {x.number: j for j, x in enumerate(inputs)}
     rows = jacobian_terms([lifted(x) for x in outputs], inputs)
     return [{place[term.unknown.number]: slope for term, slope in row.items()} for row in rows]
 
 
 class Term(NamedTuple):
-    """Entries of a Jacobian: a slope for each entry of `over`, in row rows(entry) and column columns(entry)."""
+    """Entries of a Jacobian: for each entry i of `over` a slope in row rows(i) and column columns(i)."""
 
     over: str
     rows: arrays.Path
@@ -117,19 +117,18 @@ class Term(NamedTuple):
 Terms = dict[Term, Symbol]
 
 
-WIDE = 6  # terms of a value that several read, from which on it is differentiated once, as a strain of many corners
+WIDE = 6  # terms from which on a value with several readers, as a strain of many corners, is differentiated once
 
 
 class ManyPairs(Exception):
-    """Sums of sums have more terms over pairs than asked for."""
+    """A Jacobian has more terms over pairs of entries than asked for."""
 
 
 def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: float = np.inf) -> list[Terms]:
-    """Of each output its terms, to be added up where they fall together. most: terms over pairs, else ManyPairs.
+    """The terms of each output, which add up where they share an entry. ManyPairs for more than `most` over pairs.
 
-    What is marked, or what a curved function of arrays is of, if it depends on several, is differentiated once and its
-    slopes inserted at the end: all coordinates of an element act through one length. So is what depends on many and is
-    read by several.
+    Marked values, arguments of curved functions with several terms, and values with WIDE terms and several readers are
+    differentiated once; their slopes are inserted at the end: all coordinates of an element act through one length.
     """
     tangents: dict[int, Terms] = {x.number: _identity(x) for x in unknowns}
     seeds: dict[int, Terms] = {}
@@ -157,7 +156,7 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: 
             seeds[node.number], slopes = slopes, _identity(node)
         tangents[node.number] = slopes
         if most < np.inf:
-            _look(slopes, most)
+            _check_pairs(slopes, most)
     rows = []
     for x in outputs:
         rows.append(_expanded(tangents.get(x.number, {}), seeds, most))
@@ -165,11 +164,11 @@ def jacobian_terms(outputs: Sequence[Symbol], unknowns: Sequence[Symbol], most: 
 
 
 def bends(node: Symbol) -> bool:
-    """Is it a curved function of one value, a power, or marked?"""
+    """Is the node a curved function of one value, a power, or marked?"""
     return node.op in ("pow", "mark") or (node.op in ops.OPERATIONS and node.op != "neg" and len(node.args) == 1)
 
 
-def _look(terms: Terms, most: float) -> None:
+def _check_pairs(terms: Terms, most: float) -> None:
     if sum(term.over.startswith("pairs ") for term in terms) > most:
         raise ManyPairs
 
@@ -179,17 +178,17 @@ def _identity(x: Symbol) -> Terms:
 
 
 def _all(space: str) -> arrays.Map:
-    """To the one number that all entries read, or add to."""
+    """The map to the one number that all entries read, or add to."""
     return arrays.Map("all", 0, space, arrays.NUMBER)
 
 
 def _into(k: int, space: str) -> arrays.Map:
-    """From the arrays of number k to their place among joined ones, space "a+b"."""
+    """The map from the k-th of joined arrays to the joined space "a+b"."""
     return arrays.Map("into", k, space.split("+")[k], space)
 
 
 def _out_of(k: int, space: str) -> arrays.Map:
-    """Back; those of others lead nowhere."""
+    """The map back from the joined space; entries of other arrays lead nowhere."""
     return arrays.Map("out of", k, space, space.split("+")[k])
 
 
@@ -198,7 +197,7 @@ def _add(terms: Terms, term: Term, slope: Symbol) -> None:
 
 
 def _through(node: Symbol, k: int, term: Term, slope: Symbol) -> tuple[Term, Symbol]:
-    """A term of argument k, as one of the node."""
+    """A term of argument k of an operation of `LINEAR` as a term of the node."""
     match node.op:
         case "collect":
             term, slope = _read_by(node.value[k][0].source, node.args[k], term, slope)
@@ -216,14 +215,14 @@ def _through(node: Symbol, k: int, term: Term, slope: Symbol) -> tuple[Term, Sym
 
 
 def _read_by(space: str, x: Symbol, term: Term, slope: Symbol) -> tuple[Term, Symbol]:
-    """A term of what arrays over a space read: of a number all entries do."""
+    """A term of x as read by entries of a space: all of them read a number."""
     return _met((_all(space),), term, slope) if x.space == arrays.NUMBER and space != arrays.NUMBER else (term, slope)
 
 
 def _met(path: arrays.Path, term: Term, slope: Symbol) -> tuple[Term, Symbol]:
-    """What is at the path's end. Where sums stand there, each entry meets all terms of its sum: a space of pairs."""
+    """A term at the end of a path. Where a sum stands there, entries meet all terms of their sum: a space of pairs."""
     rows = term.rows
-    while rows and rows[-1].name == "into":  # of joined arrays: through the table's numbers
+    while rows and rows[-1].name == "into":  # joined arrays: back through the numbers of the table
         path, rows = (*path, _out_of(rows[-1].column, rows[-1].target)), rows[:-1]
     if not rows:
         return Term(path[0].source, (), (*path, *term.columns), term.unknown), arrays.take(slope, path)
@@ -233,11 +232,11 @@ def _met(path: arrays.Path, term: Term, slope: Symbol) -> tuple[Term, Symbol]:
 
 
 def _expanded(terms: Terms, seeds: Mapping[int, Terms], most: float = np.inf) -> Terms:
-    """With what seeds depend on in place of seeds, the last one first."""
+    """Terms in which the seeds, the last one first, are replaced by their own terms."""
     terms = dict(terms)
     while pending := [term for term in terms if term.unknown.number in seeds]:
         if most < np.inf:
-            _look(terms, most)
+            _check_pairs(terms, most)
         last = max(pending, key=lambda term: term.unknown.number)
         outer = terms.pop(last)
         for term, slope in seeds[last.unknown.number].items():
@@ -251,7 +250,7 @@ def _expanded(terms: Terms, seeds: Mapping[int, Terms], most: float = np.inf) ->
 
 
 def along(outputs: Sequence[Symbol], directions: Mapping[Symbol, Symbol]) -> list[Symbol]:
-    """Derivatives of the outputs along the directions that some variables move in."""
+    """Derivatives of the outputs along the directions of some variables: forward mode."""
     zero = const(0.0)
     tangent = {x.number: t for x, t in directions.items()}
     for node in topological(outputs):
@@ -281,12 +280,12 @@ def accumulate(tangent: dict[int, Symbol], factor: Symbol, inner: Mapping[int, S
 
 
 def topological_beyond(outputs: Iterable[Symbol], excluded: Mapping[int, Any]) -> list[Symbol]:
-    """The same without the known ones themselves."""
+    """`topological` without the excluded nodes themselves."""
     return [node for node in topological(outputs, excluded) if node.number not in excluded]
 
 
 class Substitution:
-    """Nodes replaced in one formula after the other, simplified again on the way; work is done once."""
+    """Replaces nodes in one formula after the other and simplifies; shared parts are rebuilt once."""
 
     def __init__(self, replacement: Mapping[Symbol, Symbol]) -> None:
         self.new: dict[int, Symbol] = {node.number: by for node, by in replacement.items()}
@@ -305,12 +304,12 @@ class Substitution:
 
 
 def substitute(outputs: Sequence[Symbol], replacement: Mapping[Symbol, Symbol]) -> list[Symbol]:
-    """The outputs with some nodes replaced, simplified again on the way."""
+    """The outputs with some nodes replaced, simplified again."""
     return Substitution(replacement).all(outputs)
 
 
 def rebuild(op: str, args: tuple[Any, ...], value: Any = None) -> Any:
-    """The node `op(*args)` through the simplifying constructors; value: what it carries beside its arguments."""
+    """The node `op(*args)` by the simplifying constructors. value : its data, such as a path, beside its arguments."""
     if value is not None:
         return arrays.rebuilt(op, args, value)
     constructors: dict[str, Any] = {

@@ -20,7 +20,7 @@ from .kinks import sign, slope_of_sign
 from .ops import TINY
 
 ZERO = const(0.0)
-HIGH = 6  # square roots one after the other, of which the least number has one above a tenth: see `TINY`
+HIGH = 6  # repeated square roots after which even the smallest number is above a tenth: see `TINY`
 _RULED = ", ".join(row.numpy for row in ops.OPERATIONS.values() if row.difference).replace("fabs", "abs")
 RULES = (
     f"There are rules for +, -, *, /, **, {_RULED}; "
@@ -145,7 +145,7 @@ class Corners(Choosing):
         return result
 
     def root(self) -> Corners:
-        """Of what is not negative: an end that ought to be 0 may be below it by round-off."""
+        """The square root; an end that should be 0 may be negative by round-off."""
         return self._apply(self.value.sqrt(), lambda a, b, slope, _: slope / (abs(a).sqrt() + abs(b).sqrt()))
 
     def _by_logarithm(self, exponent: Any) -> Corners:
@@ -174,7 +174,7 @@ class Corners(Choosing):
         return self._apply(sign(self.value), lambda a, b, slope, _: slope * slope_of_sign(a, b))
 
     def _function(self, row: ops.Operation, *others: Any) -> Corners:
-        """By the operation's own rule, or by that of the formula it is the same as, with the digits of its value."""
+        """By the operation's own rule, or by those of the formula that it equals."""
         x = [self, *map(self.lifted, others)]
         value = Symbol.make(row.name, *(each.value for each in x))
         rule = row.difference

@@ -17,8 +17,8 @@ ZERO_PIVOT = "The residual's Jacobian has a structural zero on its diagonal; reo
 class Factors:
     """L D U of the Jacobian without pivoting, on the graph; constants stay constants.
 
-    U has ones on its diagonal, and each unknown found goes into all equations above it at once: what waits for what is
-    a chain of n products and sums, where row by row it would be one of n^2/2.
+    U has ones on its diagonal. Each unknown goes into all equations above it at once: the longest chain of dependent
+    operations has n products and sums; row by row it would have n^2/2.
     """
 
     lower: dict[tuple[int, int], Symbol]
@@ -27,6 +27,7 @@ class Factors:
     marked: bool = False  # factors and unknowns are intermediates
 
     def solve(self, right: Sequence[Symbol]) -> list[Symbol]:
+        """x of L D U x = right, (n,) symbols."""
         b, n = list(right), len(self.inverse)
         for (i, k), factor in self.lower.items():  # ordered by k, then i
             b[i] = trace.sub(b[i], trace.mul(factor, b[k]))
@@ -38,7 +39,7 @@ class Factors:
         return b
 
     def stored(self) -> tuple[Factors, dict[Symbol, Symbol]]:
-        """The same factors as fresh inputs, and what each of those stands for."""
+        """These factors as new input symbols, and the value of each."""
         names: dict[Symbol, Symbol] = {}
         twin: dict[Symbol, Symbol] = {}
 
@@ -56,8 +57,9 @@ class Factors:
 
 
 def factorise(jacobian: Any, symmetric: bool = False, marked: bool = False) -> tuple[Factors, list[Symbol]]:
-    """LU factors without pivoting, and the pivots (their signs give the sign of the determinant). Those of a symmetric
-    matrix, as of multipliers, are one another's mirror. marked: they and the unknowns are intermediates."""
+    """(LU factors without pivoting, pivots) of a Jacobian (n, n); the pivots' signs give that of the determinant.
+
+    symmetric : L is the transpose of U. marked : factors and unknowns are intermediates. TraceError for a pivot 0."""
     n, A = len(jacobian), [list(row) for row in jacobian]
     factors = Factors({}, {}, [], marked)
     for k in range(n):

@@ -39,7 +39,7 @@ def _trees(lengths: tuple[str, ...]) -> tuple[ast.expr, ...]:
 
 
 class Expressions(Arithmetic):
-    """What stands for a value: names, fields, items, calls."""
+    """The part of `Body` that emits code for names, fields, items and calls."""
 
     # names and constants --------------------------------------------------------------------------------------------
 
@@ -134,7 +134,7 @@ class Expressions(Arithmetic):
         return self.loaded(place) if isinstance(place.kind, str) else place
 
     def loaded(self, place: Value) -> Value:
-        """The number that stands there."""
+        """The number at a place."""
         fixed = ", !invariant.load !0" if place.fixed else ""
         kind, widens, _ = IN_MEMORY.get(place.kind, (place.kind, "", ""))
         code = self.emit(f"load {place.kind}, ptr {self.part(place)}, align {4 if widens else 8}{fixed}")
@@ -175,7 +175,7 @@ class Expressions(Arithmetic):
         first = node
         while isinstance(first, ast.BinOp):
             first = first.left
-        if isinstance(first, ast.UnaryOp) and isinstance(first.op, ast.USub):  # others are not looked at, as in C
+        if isinstance(first, ast.UnaryOp) and isinstance(first.op, ast.USub):  # other indices are not checked, as in C
             raise self.refusal(node, "an index that counts from the end is a number: write len(x) - 1 - i, not -1 - i")
         return code
 

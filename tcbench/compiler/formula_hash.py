@@ -1,12 +1,12 @@
-"""The hash of a formula: of its code, and of the values that the code reads. None where it may read more than that.
+"""The hash of a formula: of its code and of the values that the code reads; None where it may read more than that.
 
-Two formulas with one hash give the same numbers. Code of tcbench, numpy, SciPy and of what in Python only computes is
-told by its name; that of a user by bytecode (lines and files left out), defaults, closure, and the global names that it
-reads, in turn, down to numbers, arrays and text. What may read a file, the environment, the clock, chance, or names
-that it computes has no hash: it is traced each time.
+Two formulas with one hash give the same numbers. Code of tcbench, numpy, SciPy and modules of Python that only compute
+enters by its name. A user's code enters by its bytecode (lines and files left out), defaults, closure, and the global
+names that it reads, in turn, down to numbers, arrays and text. Code that may read a file, the environment, the clock,
+random numbers or computed names has no hash: it is traced each time.
 
-A run asks for the hash of its formulas each time, so that an edit of a closure or a global is noticed. What a hash has
-seen is kept with it and compared by identity, which takes a tenth of the time of hashing again.
+Each run asks for the hash of its formulas, so that an edit of a closure or a global is noticed. Snapshots of what a
+hash depends on are kept with it and compared by identity, in a tenth of the time of hashing again.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ import numpy as np
 
 _Snapshot = tuple[Callable[[Any], tuple[Any, ...]], Any, tuple[Any, ...]]  # (view, object, what the view gave)
 
-MOST_BYTES = 4096  # of an array that is compared rather than hashed again
-MOST_KEPT = 1000  # hashes
+MOST_BYTES = 4096  # of an array that is compared; larger ones are hashed again
+MOST_KEPT = 1000  # hashes in memory
 # modules whose functions read nothing but their arguments
 PURE = frozenset({
     "tcbench", "tcbench_plugins", "numpy", "scipy", "builtins", "math", "cmath", "_operator", "operator", "functools",
     "_functools", "itertools", "collections", "_collections", "_collections_abc", "numbers", "fractions", "dataclasses",
     "enum", "typing", "types", "abc", "__future__", "copy", "copyreg", "contextlib", "reprlib",
 })  # fmt: skip
-READERS = frozenset({  # names in these that read files, draw numbers, or compute names
+READERS = frozenset({  # functions in them that read files, draw numbers, or compute names
     "load", "loadtxt", "genfromtxt", "fromfile", "fromregex", "memmap", "DataSource", "random", "default_rng",
     "attrgetter", "methodcaller", "import_module", "__import__", "eval", "exec", "globals", "locals", "vars", "compile",
     "open", "input",
 })  # fmt: skip
-READS_BY_NAME = frozenset({"getattr", "hasattr"})  # of a module, then, any name
-# of a class or function: what is made when it is first needed, or says where it was written
+READS_BY_NAME = frozenset({"getattr", "hasattr"})  # any name of a module, then
+# attributes of a class or function that are made on demand, or say where it was written
 NOT_CONTENT = frozenset({
     "__dict__", "__weakref__", "__doc__", "__module__", "__firstlineno__", "__static_attributes__", "__annotations__",
     "__annotate__", "__annotate_func__", "__annotations_cache__", "_abc_impl", "__abstractmethods__", "__wrapped__",
     "__qualname__", "__type_params__", "__slotnames__",
 })  # fmt: skip
 HEAP_TYPE = 1 << 9  # flag of classes that a class statement made
-FIXED = (  # kinds that cannot be changed, but for what they are made of
+FIXED = (  # kinds that change only with their parts
     types.CodeType, types.BuiltinFunctionType, types.MethodWrapperType, types.MethodType, types.ModuleType,
     staticmethod, classmethod, property, np.ufunc, np.dtype, slice, range, frozenset, enum.Enum,
     functools.cached_property, functools.partial,
@@ -61,7 +61,7 @@ _KEPT: dict[tuple[int, ...], tuple[tuple[Any, ...], list[_Snapshot], str]] = {} 
 
 
 class HashlessError(Exception):
-    """A formula sees what a hash cannot describe."""
+    """A formula reads what a hash cannot describe."""
 
 
 def formula_hash(*objects: Any) -> str | None:
@@ -151,7 +151,7 @@ def _names(code: types.CodeType) -> tuple[tuple[str, ...], frozenset[str], froze
 
 @cache
 def _package(module: str, file: str | None) -> str | None:
-    """The package of a module that nobody edits; None of a user's. HashlessError where its functions may read more."""
+    """The package of an installed module; None of a user's. HashlessError where its functions may read more."""
     top = module.partition(".")[0]
     places = Path(file or "").parents
     installed = top in ("tcbench", "tcbench_plugins") or top in sys.builtin_module_names
@@ -165,7 +165,7 @@ def _package(module: str, file: str | None) -> str | None:
 
 
 def _package_of(item: type) -> str | None:
-    """The same of a class; those that no class statement made are Python's or some library's."""
+    """`_package` of a class; those that no class statement made are builtin."""
     package = _package(item.__module__, getattr(sys.modules.get(item.__module__), "__file__", None))
     return package or (None if item.__flags__ & HEAP_TYPE else "builtins")
 
@@ -173,15 +173,17 @@ def _package_of(item: type) -> str | None:
 class _Seen:
     """The hash of what some objects are made of, and snapshots by which a change shows; None where none would.
 
-    Objects that occur twice, or contain themselves, are told by the number of the first time.
+    Objects that occur again, or in themselves, enter as the number of the first time.
     """
 
     def __init__(self) -> None:
         self.hash = hashlib.sha256()
         self.snapshots: list[_Snapshot] | None = []
         self.numbers: dict[int, int] = {}
-        self.modules: set[tuple[int, frozenset[str]]] = set()  # those in others, with what is read of them
-        self.alive: list[Any] = []  # an id is of one object only as long as that lives
+        self.modules: set[tuple[int, frozenset[str]]] = (
+            set()
+        )  # modules within modules, with the attributes that are read
+        self.alive: list[Any] = []  # ids are unique among living objects
 
     def note(self, *words: Any) -> None:
         self.hash.update(repr(words).encode("utf-8", "surrogatepass"))  # no two tuples of words have one text
@@ -260,11 +262,11 @@ class _Seen:
                 self.add(namespace[name])
 
     def _module(self, module: types.ModuleType, attributes: Collection[str]) -> None:
-        """A module as code that reads these attributes sees it; "*", or none: any."""
+        """Add the attributes of a module that code reads; "*", or none: all of them."""
         package, content = _package(module.__name__, getattr(module, "__file__", None)), vars(module)
         self.note(module.__name__)
         names = tuple(sorted(name for name in attributes if name in content))
-        if package is not None:  # what somebody has put in the place of a function counts
+        if package is not None:  # functions that were replaced count
             self.snapshot(_of_names, (content, names))
             placed = [x for x in _of_names((content, names)) if isinstance(x, types.FunctionType | np.ufunc)]
             self.add(*placed)
@@ -319,9 +321,9 @@ class _Seen:
             self.add(item.func)
         elif _package_of(kind) and isinstance(wrapped := getattr(item, "__wrapped__", None), types.FunctionType):
             self.add(wrapped)  # of lru_cache
-        elif kind.__module__ == "itertools":  # from Python 3.14 on they do not say where they are
+        elif kind.__module__ == "itertools":  # from Python 3.14 on they do not show their position
             raise HashlessError(f"itertools.{kind.__name__}")
-        else:  # what pickle would keep: how it is made, and its state
+        else:  # as pickle has it: constructor and state
             data = item.__reduce_ex__(2)
             parts = [data] if isinstance(data, str) else [list(p) if hasattr(p, "__next__") else p for p in data]
             self.add(kind, *parts)

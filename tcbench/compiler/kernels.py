@@ -1,4 +1,4 @@
-"""Graphs become kernels: straight-line scalar Python, compiled once and kept.
+"""From graphs to kernels: straight-line scalar Python, compiled once and cached.
 
 Every kernel has one signature, kernel(a, b, out) on three float64 arrays, so that one generic compiled loop
 can call any of them by address.
@@ -27,8 +27,8 @@ _BINARY = {"add": "+", "sub": "-", "mul": "*"}
 def straight_line(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int = 0) -> str:
     """Source of the kernel that reads `inputs` (symbol -> 'a[0]') and fills out[0], out[1], ...
 
-    in_rows: so many of the first are stored as short vectors, for a reader that loads them as such: to load at once
-    what was just stored one by one, a processor waits until all of it has left its store queue.
+    in_rows : number of the first results that are stored as short vectors, for a reader that loads vectors: a processor
+    stalls when it loads at once what was just stored one by one.
     """
     names: dict[int, str] = {}
     lines: list[str] = []
@@ -55,7 +55,7 @@ def text_of(lines: Sequence[str]) -> str:
 
 
 def derivatives_of(nodes: Iterable[Symbol]) -> dict[int, Symbol]:
-    """By the number of a value that is computed together with its derivative, that derivative."""
+    """By the number of a value, the derivative that is computed together with it."""
     shared = {row.name: row.with_slope for row in OPERATIONS.values() if row.with_slope}
     slopes = {(x.op, x.args[0].number): x for x in nodes if x.op in shared.values()}
     pairs = ((x.number, slopes.get((shared[x.op], x.args[0].number))) for x in nodes if x.op in shared)
@@ -63,7 +63,7 @@ def derivatives_of(nodes: Iterable[Symbol]) -> dict[int, Symbol]:
 
 
 def written(node: Symbol, names: dict[int, str], name: str, derivatives: Mapping[int, Symbol]) -> list[str]:
-    """The text of a node, a line or none; what is known of its value, and of its derivative, goes to `names`."""
+    """The text of a node, one line or none; the names of its value and of its derivative go to `names`."""
     if node.op in ("const", "mark"):
         names[node.number] = literal(node) if node.op == "const" else names[node.args[0].number]
         return []
@@ -81,8 +81,8 @@ def written(node: Symbol, names: dict[int, str], name: str, derivatives: Mapping
 
 
 def _is_size(node: Symbol) -> bool:
-    """Whether a node is |u|, or a sum that |u| is a part of. What is divided by it is a sign and has to be exactly 1 or
-    -1, which u times 1/|u| is not always: 1 - sign(u) may stand beside an infinite slope."""
+    """Is the node |u|, or a sum with |u|? A quotient by it is a sign and has to be exactly 1 or -1, which u times 1/|u|
+    is not always: 1 - sign(u) may be multiplied by an infinite slope."""
     return node.op == "abs" or (node.op == "add" and any(map(_is_size, node.args)))
 
 
@@ -94,7 +94,7 @@ def literal(node: Symbol) -> str:
 
 
 def operation(node: Symbol, args: list[str]) -> str:
-    """What a node does with these, as text."""
+    """The operation of a node on these arguments, as text."""
     if node.op in _BINARY:
         return f"{args[0]} {_BINARY[node.op]} {args[1]}"
     if node.op == "neg":
@@ -107,7 +107,7 @@ def operation(node: Symbol, args: list[str]) -> str:
 
 
 def fixed_values(outputs: Sequence[Symbol], varying: Sequence[Symbol], also: Sequence[Symbol] = ()) -> list[Symbol]:
-    """What does not depend on `varying` and is read by what does, or is one of `also`; constants left out."""
+    """Nodes that do not depend on `varying` and are read by nodes that do, or are in `also`; without constants."""
     moving = depends_on(outputs, varying)
     read = [a for node in topological(outputs) if node.number in moving for a in node.args]
     return list(dict.fromkeys(x for x in [*read, *also] if x.number not in moving and x.op != "const"))
@@ -125,11 +125,11 @@ class Kernel:
     text: str
     size: int
     table: NDArray[np.int32] | None = field(default=None, compare=False)  # whole numbers that the text reads
-    room: int = field(default=0, compare=False)  # numbers behind the results that it writes on
-    seldom: bool = field(default=False, compare=False)  # it is called once a run: time to compile it is all that counts
+    room: int = field(default=0, compare=False)  # doubles behind the results, for intermediate values
+    seldom: bool = field(default=False, compare=False)  # called once a run: compiled fast, not optimised
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without the address, which is one in this process only."""
+        """Without the address, which holds in this process only."""
         return {name: value for name, value in dict(vars(self)).items() if name != "address"}
 
     @cached_property
@@ -147,7 +147,7 @@ class Kernel:
 
 
 def placed(letter: str, symbols: Iterable[Symbol], first: int = 0) -> dict[Symbol, str]:
-    """Where numbers that follow one another stand: symbol -> 'a[3]', ..."""
+    """The places of consecutive numbers: symbol -> 'a[3]', ..."""
     return {x: f"{letter}[{first + i}]" for i, x in enumerate(symbols)}
 
 
@@ -156,12 +156,12 @@ def kernel(inputs: Mapping[Symbol, str], outputs: Sequence[Symbol], in_rows: int
 
 
 def of_lines(lines: Sequence[str], size: int, table: NDArray[np.int32] | None = None) -> Kernel:
-    """A kernel of text that gives so many numbers."""
+    """The kernel of these lines, with `size` results."""
     return Kernel(text_of(lines), size, table)
 
 
 def namespace() -> dict[str, Any]:
-    """What the text of a kernel names."""
+    """The functions that the text of a kernel may call, by name."""
     from . import special
 
     functions = {f.__name__: f for f in (scratch, release, vector, row, pick, put)}
@@ -170,7 +170,7 @@ def namespace() -> dict[str, Any]:
 
 
 def _load(text: str, table: NDArray[np.int32] | None, seldom: bool) -> int:
-    """Address of the compiled text: of machine code, or made up where nothing is compiled."""
+    """The address of the compiled text; a made-up one where nothing is compiled."""
     if not PLAIN:
         from .machine import load  # LLVM is imported when something is compiled, not before
 

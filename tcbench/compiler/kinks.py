@@ -1,8 +1,8 @@
-"""Functions with a kink, where, maximum, minimum, sign, made of |x|: so they have slopes and divided differences, and
-methods that look for kinks (|x| passes 0) find those of all of them.
+"""Functions with a kink (where, maximum, minimum, sign) in terms of |x|: they have slopes and divided differences, and
+methods that locate kinks, where |x| passes 0, find all of them.
 
-A comparison x > y is 0, 1, and 1/2 where both are equal. A choice of it is b + (x > y) (a - b): its discrete gradient
-holds the energy exactly from one side to the other, and it tends to the gradient where a and b meet at the kink.
+A comparison x > y is 0, 1, or 1/2 where both are equal. A choice is b + (x > y) (a - b): its discrete gradient keeps
+the energy exactly from one side to the other, and tends to the gradient where a and b meet at the kink.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def slope_of_sign(start: Symbol, end: Symbol) -> Symbol:
 
 
 def greater(x: Any, y: Any) -> Any:
-    """x > y, and likewise x >= y: 0 or 1, and 1/2 where they are equal."""
+    """x > y, and x >= y: 0 or 1, and 1/2 where they are equal."""
     return _truth(0.5 * (1.0 + sign(_symbol(x) - _symbol(y))))
 
 
@@ -77,7 +77,7 @@ def _equal(x: Any, y: Any) -> Any:
 
 
 def where(condition: Any, *sides: Any) -> Any:
-    """a where the condition, made of comparisons, holds, and b elsewhere."""
+    """a where the condition, made of comparisons, holds, else b."""
     if len(sides) != 2:
         raise refused("np.where without two values asks for places", "Write np.where(x > 0, a, b)")
     a, b = sides
@@ -85,7 +85,7 @@ def where(condition: Any, *sides: Any) -> Any:
 
 
 def asked(condition: Any) -> Any:
-    """A condition made of comparisons. Of a number numpy asks whether it is 0, which a symbol does not know."""
+    """The condition, if it is made of comparisons; TraceError for symbols, which are neither 0 nor not 0."""
     if isinstance(condition, Real | bool | np.ndarray) and np.asarray(condition).dtype != object:
         return np.asarray(condition) != 0
     if not all(map(_is_truth, np.ravel(boxed(getattr(condition, "parts", condition))))):
@@ -94,7 +94,7 @@ def asked(condition: Any) -> Any:
 
 
 def _is_truth(x: Any) -> bool:
-    """0 or 1 (1/2 where both are equal): a comparison, or several joined."""
+    """Is x 0 or 1 (1/2 where both sides are equal): a comparison, or several joined?"""
     if not isinstance(x, Symbol) or is_const(x):
         return not isinstance(x, Symbol | Real) or getattr(x, "value", x) in (0.0, 0.5, 1.0)
     return x.truth or (x.op == "mul" and all(map(_is_truth, x.args)))
@@ -137,6 +137,6 @@ CHOICES |= {np.where: where, np.clip: clip}
 
 
 def kinked(ufunc: Any) -> Any:
-    """One of them as a function of numpy on arrays of symbols."""
+    """The function in the place of a ufunc, on arrays of symbols."""
     of_entries: Any = np.frompyfunc
     return of_entries(KINKED[ufunc], ufunc.nin, 1)

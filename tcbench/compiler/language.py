@@ -1,7 +1,7 @@
-"""The restricted Python of compiled loops: what its text may name beside plain arithmetic. See `translator`.
+"""The restricted Python of compiled loops: the functions that it may call. See `translator`.
 
-The same functions run as plain Python, slowly, on numpy arrays: so tests know what compiled code has to give. With
-TCBENCH_PLAIN=1 in the environment everything does, kernels included, and nothing is compiled.
+The same functions run as plain Python, slowly, on numpy arrays: tests compare compiled code with them. With
+TCBENCH_PLAIN=1 in the environment all runs as plain Python, kernels included, and nothing is compiled.
 """
 
 from __future__ import annotations
@@ -24,38 +24,38 @@ Floats = Annotated[NDArray[np.float64], "Floats"]
 Matrix = Annotated[NDArray[np.float64], "Matrix"]
 Cube = Annotated[NDArray[np.float64], "Cube"]
 Ints = Annotated[NDArray[np.int64], "Ints"]
-# numbers of 32 bits in memory, of which large systems have less to go through; what is read is an int or a float
+# 32 bits in memory, half the traffic of large systems; read as an int or a float
 ShortInts = Annotated[NDArray[np.int32], "ShortInts"]
 ShortFloats = Annotated[NDArray[np.float32], "ShortFloats"]
 Eight = Annotated[NDArray[np.float64], "Eight"]  # a short vector of eight numbers
 Address = int
 
 SPLIT = 2.0**27 + 1
-PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # of plain Python: made-up address -> function
+PYTHON_KERNELS: dict[int, Callable[[Any, Any, Any], None]] = {}  # made-up address -> function in plain Python
 _ADDRESSES = itertools.count(1)
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 def rare(function: F) -> F:
-    """Mark a function that few steps call: its code stays apart from the loop's."""
+    """Mark a function that few steps call: its code is kept out of the loop."""
     function.rare = True  # type: ignore[attr-defined]
     return function
 
 
 def late(function: F) -> F:
-    """Mark a function that most runs do not call: it is compiled when it is first called."""
+    """Mark a function that most runs do not call: its first call compiles it."""
     function.late = True  # type: ignore[attr-defined]
     return function
 
 
 def exact(function: F) -> F:
-    """Mark a function whose operations are rounded one by one, on every processor alike: none is fused with another."""
+    """Mark a function whose operations are never fused: each is rounded, on every processor alike."""
     function.exact = True  # type: ignore[attr-defined]
     return function
 
 
 def made_up_address(function: Callable[[Any, Any, Any], None]) -> int:
-    """An address, which no other has, at which `call` finds this function."""
+    """A unique address at which `call` finds this function."""
     address = next(_ADDRESSES)
     PYTHON_KERNELS[address] = function
     return address
@@ -72,16 +72,16 @@ def call(kernel: Address, a: Any, b: Any, out: Any) -> None:
 
 
 def scratch(size: int) -> Floats:
-    """Room for so many numbers while a kernel runs; `release` it at the end."""
+    """Memory for `size` numbers while a kernel runs; `release` it at the end."""
     return np.empty(size)
 
 
 def release(array: Floats) -> None:
-    """Give back what `scratch` gave."""
+    """Free the memory of `scratch`."""
 
 
 def vector(*numbers: float) -> Floats:
-    """So many numbers that go through the same arithmetic at once."""
+    """A short vector of these numbers, on which arithmetic is done at once."""
     return np.array(numbers)
 
 
@@ -101,8 +101,9 @@ def put(array: Floats, start: int, x: Floats) -> None:
 
 
 def two_product(x: Any, y: Any) -> tuple[Any, Any]:
-    """x y, of numbers or short vectors, as the sum of two: the rounded product and what rounding took from it, exactly
-    (Dekker 1971); where neither overflows nor comes near the smallest numbers."""
+    """(product, error) with product + error = x y exactly, of numbers or short vectors: Dekker (1971).
+
+    Neither may overflow or come near the smallest numbers."""
     product, (x1, x2), (y1, y2) = x * y, _halves(x), _halves(y)
     return product, x2 * y2 - (((product - x1 * y1) - x2 * y1) - x1 * y2)
 
@@ -138,7 +139,7 @@ def fill(target: Floats, value: float) -> None:
 
 @cache
 def of_c(name: str) -> Callable[..., float]:
-    """A function of C: that of `math`, and what numpy gives where that raises an error, infinity or NaN."""
+    """A function of C: that of `math`, with numpy's infinity or NaN where that raises an error."""
     exact, limit = getattr(math, name), getattr(np, name)
 
     def function(*x: Any) -> Any:

@@ -1,8 +1,8 @@
-"""LLVM code to machine code, kept as object files in the user's cache.
+"""From LLVM code to machine code, in object files in the user's cache.
 
-An object file is named after a hash of the LLVM code it was made of, and of what compiled it for which processor: other
-code never finds it, whatever its functions and files are called. Of a kernel, whose text names nothing but what the
-translator knows, that text stands for its LLVM code, beside the hash of this package's files.
+The name of an object file is a hash of its LLVM code, the compiler's versions and the processor: other code never finds
+it. The text of a kernel calls only functions of this package: that text and a hash of the package's files stand for its
+LLVM code.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ..errors import MachineError, TcbenchError
 from .caches import uncollected
 
 TARGET = "TCBENCH_TARGET"  # processor and features to compile for, as in x86-64-v3 or x86-64-v3:-fma
-LINE, ARRAYS, LIBRARY = "a kernel", "a kernel on arrays", "functions"  # what a module has
+LINE, ARRAYS, LIBRARY = "a kernel", "a kernel on arrays", "functions"  # kinds of modules
 SELDOM = "a kernel that is called once"
-LONG = 4000  # lines of straight-line LLVM code, from which on they are written quickly
-# In long code LLVM looks through all lines between for each load that may become part of the instruction that reads it
-# (29 of 33 s for 25,000 lines): frozen, it is none of those.
+LONG = 4000  # lines of straight-line LLVM code from which on it is compiled fast, not optimised
+# In long code LLVM searches all lines between a load and its reader, to fold the load into that instruction (29 of 33 s
+# for 25,000 lines). A frozen load is not folded.
 LOADED = re.compile(r"(%\.\d+) = load (.+), (ptr .+)")
-VECTORS, EIGHT = "x double>", "<8 x double>"  # what code with short vectors has in it, with those of eight
+VECTORS, EIGHT = "x double>", "<8 x double>"  # text of short vectors in LLVM code, and of those of eight
 LEVELS = ("x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")  # SSE2, SSE4.2, AVX2, AVX-512
-# Code with vectors of four is written in the order that suits a processor which takes instructions as they come: LLVM
-# then looks at what waits for what, else at registers only. Series take 1 to 14 % less time; with eight 10 % more.
+# Code with vectors of four is scheduled for a processor that executes in order: LLVM then weighs latencies, not only
+# registers. Series take 1 to 14 % less time; with vectors of eight they would take 10 % more.
 IN_ORDER = ' nounwind "tune-cpu"="atom" {'
 
 
@@ -60,8 +60,8 @@ def target() -> tuple[str, str]:
 
 @cache
 def _machine(level: int = 3) -> Any:
-    """What writes machine code. level: 1 leaves out the second scheduling of instructions, whose time grows as the
-    square of the length of straight-line code, and little else."""
+    """LLVM's target machine. level : 1 leaves out the second scheduling of instructions, whose time grows as the square
+    of the length of straight-line code, and little else."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -71,7 +71,7 @@ def _machine(level: int = 3) -> Any:
 
 
 def compile_object(code: str, kind: str) -> bytes:
-    """Optimised object code of a module; of what is called once it is not, which takes a hundredth of the time.
+    """Object code of a module, optimised; not that of a kernel that is called once, which then takes a hundredth.
 
     The loops of functions are short: vectors and unrolling make them slower. Of straight-line code the first level of
     LLVM's passes makes the same object as the last. In kernels on arrays LLVM finds nothing that their graphs have not
@@ -104,7 +104,7 @@ def compile_object(code: str, kind: str) -> bytes:
 
 @cache
 def _compiler() -> str:
-    """All that machine code depends on beside the LLVM code."""
+    """Everything else that machine code depends on: versions, processor, this package's files."""
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -113,7 +113,7 @@ def _compiler() -> str:
 
 
 def _object(translate: Callable[[], str], key: str | None, kind: str) -> bytes:
-    """Machine code of what `translate` gives, kept under that; or under a key that stands for it."""
+    """Machine code of the LLVM code of `translate`, cached under that or under a key that stands for it."""
 
     def code() -> str:
         with uncollected():
@@ -124,17 +124,17 @@ def _object(translate: Callable[[], str], key: str | None, kind: str) -> bytes:
     return files.kept("code", f"{name}.o", lambda: compile_object(text or code(), kind))
 
 
-_ENGINES: list[Any] = []  # of all that is loaded, for as long as the process lives
+_ENGINES: list[Any] = []  # of loaded code, kept alive
 _LOADED: dict[Any, int] = {}
-_TABLES: list[np.ndarray] = []  # that loaded code reads
+_TABLES: list[np.ndarray] = []  # tables that loaded code reads, kept alive
 
 
 def addresses(
     symbols: Iterable[str], translate: Callable[[], str], key: str | None = None, kind: str = LINE
 ) -> list[int]:
-    """Where functions and globals of a module stand in memory, from the cache of object files or compiled now.
+    """Addresses of functions and globals of a module, loaded from the cache or compiled now.
 
-    translate: gives the LLVM code; key: what stands for that, so that nothing need be translated to find it.
+    translate : returns the LLVM code. key : stands for it, so that a cached module need not be translated.
     """
     import llvmlite.binding as llvm
 
@@ -156,10 +156,10 @@ def addresses(
 def load(
     text: str, code: Callable[[str], str], table: np.ndarray | None = None, by: str = "", seldom: bool = False
 ) -> int:
-    """Address of a kernel, given by its text (or what tells it apart) and what makes LLVM code of that.
+    """The address of a kernel. text : its source, or another unique text. code : from that text to LLVM code.
 
-    table: whole numbers that it reads. One piece of machine code serves any table; each has a copy in memory.
-    by: says that what makes LLVM code of the text is in this package, so that the text can stand for it.
+    table : whole numbers that it reads. One object file serves all tables; each table has a copy in memory. by : the
+    name of `code`, where that is in this package, so that the text can stand for the LLVM code.
     """
     key = (text, None if table is None else table.tobytes())
     if key not in _LOADED:

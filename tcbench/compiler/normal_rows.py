@@ -1,4 +1,4 @@
-"""The rows of a residual in one order, sign and scale, whichever its author chose.
+"""Brings the rows of a residual into one order, sign and scale, whichever its author chose.
 
 "The function whose root is z1" has many forms: z0 + h f - z1, (z1 - z0)/h - f, the blocks in another order, mixtures of
 rows. At h = 0 they all say A (z1 - z0) = 0. The solvers rely on A being the identity or near it: determinants are
@@ -18,13 +18,13 @@ from .array_jacobian import jacobian_terms
 from .derivatives import Symbol, const
 
 Slopes = list[dict[int, Symbol]]  # of each row: place of an unknown -> slope
-MIXED = 64  # unknowns up to which mixtures of rows are taken apart
+MIXED = 64  # unknowns up to which linear combinations of rows are resolved
 
 
 def normalised(rows: Sequence[Symbol], unknowns: Iterable[Symbol], h: Symbol) -> list[Symbol]:
-    """The same equations, that of each unknown in its place and with a positive slope at h = 0.
+    """The equations in the order of their unknowns, each with a positive slope by its own at h = 0.
 
-    Rows that are so already stay as they are.
+    Rows that are in this form stay as they are.
     """
     unknowns = list(unknowns)
     moving = trace.depends_on(rows, unknowns)
@@ -37,7 +37,7 @@ def normalised(rows: Sequence[Symbol], unknowns: Iterable[Symbol], h: Symbol) ->
             return rows
         rows = multiplied
     order = _matched(slopes)
-    if order is None:  # at h = 0 something is not determined: as its author wrote it
+    if order is None:  # at h = 0 an unknown is not determined: the rows stay as written
         return rows
     slopes = [slopes[i] for i in order]
     scaled = [_scaled(rows[i], slopes[j][j]) for j, i in enumerate(order)]
@@ -45,7 +45,7 @@ def normalised(rows: Sequence[Symbol], unknowns: Iterable[Symbol], h: Symbol) ->
 
 
 def _without_factors(row: Symbol, moving: Collection[int]) -> Symbol:
-    """What has to vanish of a product of which only one factor depends on the unknowns."""
+    """The one factor of a product that depends on the unknowns, which has to vanish."""
     while row.op in ("mul", "neg"):
         factors = [a for a in row.args if a.number in moving]
         if len(factors) != 1:
@@ -70,7 +70,7 @@ def _terms(row: Symbol, sign: int = 1) -> list[tuple[int, Symbol]]:
 
 
 def _total(terms: Sequence[tuple[int, Symbol]]) -> Symbol:
-    """The sum, what is added first."""
+    """The sum of the terms, positive ones first."""
     total = const(0.0)
     for sign, term in sorted(terms, key=lambda item: -item[0]):
         total = trace.add(total, term) if sign > 0 else trace.sub(total, term)
@@ -78,7 +78,7 @@ def _total(terms: Sequence[tuple[int, Symbol]]) -> Symbol:
 
 
 def cancelled(row: Symbol) -> Symbol:
-    """Without terms that are added and subtracted: z0 + h f - z1 is h f - (z1 - z0), and keeps its digits."""
+    """The row without terms that cancel: z0 + h f - z1 becomes h f - (z1 - z0), which keeps its digits."""
     terms = _terms(row)
     counts: dict[Symbol, int] = {}
     for sign, term in terms:
@@ -90,7 +90,7 @@ def cancelled(row: Symbol) -> Symbol:
 
 
 def _scaled(row: Symbol, slope: Symbol) -> Symbol:
-    """The row by its slope; by its sign alone where it is a formula that has one."""
+    """The row over its slope; over its sign where the slope is a formula of one sign."""
     sign = _sign(slope)
     if slope.op != "const" and not sign:
         return trace.mul(row, trace.reciprocal(slope))
@@ -100,7 +100,7 @@ def _scaled(row: Symbol, slope: Symbol) -> Symbol:
 
 
 def _times(row: Symbol, h: Symbol) -> Symbol:
-    """h times the row, the divisions by h in its terms undone."""
+    """h times the row, in which divisions by h cancel."""
     inverse = [node for node in trace.topological([row]) if node.op == "recip" and node.args[0] is h]
     divided = trace.depends_on([row], inverse)
 
@@ -120,8 +120,8 @@ def _times(row: Symbol, h: Symbol) -> Symbol:
 
 
 def _at_zero(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> Slopes | None:
-    """Slopes at h = 0 and increments 0, of arrays by the entries of the same place; None where h is a divisor there.
-    Leaves no expressions behind: their numbers would decide the order of others."""
+    """Slopes at h = 0 and increments 0; of arrays by their own entries only. None where h is a divisor. Traced apart,
+    for the numbers of new expressions would change the order of others."""
     place = {x.number: j for j, x in enumerate(unknowns)}
     with trace.tracing(symbols.expressions()):
         try:
@@ -136,13 +136,13 @@ def _at_zero(rows: Sequence[Symbol], unknowns: Sequence[Symbol], h: Symbol) -> S
 
 
 def _matched(slopes: Slopes) -> list[int] | None:
-    """For each unknown its row, as many as can be their own; None if there are too few."""
+    """A row for each unknown, its own one where possible; None where no matching is complete."""
     count = len(slopes)
     if all(_present(row, i) for i, row in enumerate(slopes)):
         return list(range(count))
     from scipy.optimize import linear_sum_assignment
 
-    costs = np.full((count, count), np.inf)  # of an unknown and a row
+    costs = np.full((count, count), np.inf)  # (unknown, row)
     for i, row in enumerate(slopes):
         for j in row:
             if _present(row, j):
@@ -159,7 +159,7 @@ def _present(row: Mapping[int, Symbol], j: int) -> bool:
 
 
 def _unmixed(rows: list[Symbol], slopes: Slopes) -> list[Symbol]:
-    """Mixtures with fixed coefficients taken apart, where unknowns depend on each other in a circle at h = 0."""
+    """Rows in which linear combinations are resolved, where unknowns depend on each other in a circle at h = 0."""
     others = [{j for j in row if j != i and _present(row, j)} for i, row in enumerate(slopes)]
     left = set(range(len(rows)))
     while ready := {i for i in left if not others[i] & left}:
@@ -180,7 +180,7 @@ def _unmixed(rows: list[Symbol], slopes: Slopes) -> list[Symbol]:
 
 
 def _sign(slope: Symbol) -> int:
-    """1 or -1 where the slope has this sign whatever the inputs are, else 0."""
+    """1 or -1 where the slope has this sign for all inputs, else 0."""
     if slope.op == "const":
         return 1 if slope.value > 0.0 else -1
     return 1 if slope.positive else -1 if trace.neg(slope).positive else 0

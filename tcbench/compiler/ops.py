@@ -1,7 +1,7 @@
-"""Elementary operations of formulas, a row each: all that the rest of tcbench knows of one.
+"""Elementary operations of formulas, one row each, from which all the rest follows.
 
-To add a function write a row and its tests: formulas then call it (`building_blocks.function`), it is differentiated,
-compiled, solved for its argument, has a divided difference and a Taylor series, and peers are handed it.
+To add a function write a row and its tests: formulas can then call it (`building_blocks.function`), it is
+differentiated, compiled and solved for its argument, has a divided difference and a Taylor series, and peers get it.
 Slopes and divided differences are formulas in symbols (`symbols.Symbol`), which divide by no difference.
 """
 
@@ -16,9 +16,9 @@ from typing import Any
 from . import special
 from .language import of_c
 
-# TINY: beside what may be 0 below a root or a line: 0 x infinity is 0 then, and no derivative underflows. An infinite
-# slope is one of 1e180 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; whoever squares it, or asks
-# whether it is as large (INFINITE), has an infinite one.
+# TINY is added to what may be 0 under a root or in a denominator: then 0 x infinity is 0, and no derivative underflows.
+# An infinite slope is 1e180 or more, so that 0 times it, as in v sqrt(|v|) at rest, is 0; its square, and a comparison
+# with INFINITE, show that it is infinite.
 TINY, TINIER, INFINITE = 1e-60, 1e-240, 1e150
 COMPOSED = "composed"  # a divided difference: that of the formula `same`
 Rule = Callable[..., Any]
@@ -26,19 +26,19 @@ Rule = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Operation:
-    """What is known of y = f(x), or of y = f(x, z); everything is dimensionless but +, -, *, /, abs, sqrt and hypot.
+    """An operation y = f(x), or y = f(x, z); all but +, -, *, /, abs, sqrt and hypot are dimensionless.
 
     name       : in graphs and in the text of kernels, as in C.
-    value      : of numbers, in the restricted Python or of C; None of arithmetic.
-    slopes     : (y, x, ...) -> derivatives by each argument; None: it has none.
-    numpy      : the function of numpy, and the method, that formulas call; "" if they do not.
-    difference : (a, b, d) -> (f(b) - f(a))/d, d = b - a, exact at any d; COMPOSED; or None, and it is refused. Of two
+    value      : function of numbers, in the restricted Python or of C; None for arithmetic.
+    slopes     : (y, x, ...) -> derivatives by each argument; None where there are none.
+    numpy      : name of numpy's function, and of the method, that formulas call; "" for none.
+    difference : (a, b, d) -> (f(b) - f(a))/d, d = b - a, exact at any d; COMPOSED; or None: it is refused. Of two
         arguments (a, b, d, a', b', d') -> slopes by both, whose products with d and d' add up to the difference.
     inverse    : y -> x.
     same       : its formula in other functions, for arithmetic that lacks it: series, complex numbers, peers.
-    positive   : so many of the first arguments have to be positive for the result to be; -1: it need not be.
-    rooted     : it may be finite where its slope is not.
-    arguments  : of it.
+    positive   : number of first arguments that make the result positive where they are; -1: it need not be.
+    rooted     : the value may be finite where the slope is not.
+    arguments  : their number.
     with_slope : the operation that is its derivative, computed together with it.
     intrinsic  : LLVM has it.
     """
@@ -65,7 +65,7 @@ def _power_slopes(y: Any, x: Any, exponent: Any) -> tuple[Any, Any]:
         by_base = exponent * y / x
     elif fixed is not None:
         by_base = exponent * (y + TINY) / (x + TINIER)
-    else:  # of 0, 1, 2, ... or none: at 0 the slope may be any
+    else:  # exponents 0, 1, 2, ...: at 0 the slope may be any
         by_base = exponent * x.make("pow", x + TINIER, exponent - 1.0)
     return by_base, 0.0 if fixed is not None else y * x.log()
 
@@ -121,7 +121,7 @@ def _lengthened(a: Any, b: Any, d: Any, a2: Any, b2: Any, d2: Any) -> tuple[Any,
 
 def _turn(y: Any, y1: Any, dy: Any, x: Any, x1: Any, dx: Any) -> tuple[Any, Any]:
     """The angle from (x, y) to (x1, y1) is 2 atan(c/m), c and m - r r1 being their products: less than half a turn,
-    and so across the cut, where arctan2 jumps, as if it did not."""
+    also across the cut where arctan2 jumps."""
     m = x.hypot(y) * x1.hypot(y1) + x * x1 + y * y1
     scale = y.make("atan_slope", 0.0, (x * dy - y * dx) / m) / m
     return (x + x1) * scale, -((y + y1) * scale)
@@ -137,7 +137,7 @@ def _elementary(name: str, slopes: Rule, numpy: str = "", **rest: Any) -> Operat
 
 
 def _special(name: str, slopes: Rule | None, with_slope: str = "") -> Operation:
-    """A function of `special`, which divided differences are made of."""
+    """A function of `special`, for divided differences."""
     return Operation(name, getattr(special, name), slopes, with_slope=with_slope)
 
 
@@ -148,7 +148,7 @@ _ROWS = (
     Operation("mul", None, lambda y, a, b: (b, a), positive=2, arguments=2),
     Operation("recip", None, lambda y, x: (-(y * y),), inverse=lambda y: 1.0 / y, positive=1),
     Operation("mark", None, lambda y, x: (1.0,), inverse=lambda y: y, positive=1),
-    Operation("abs", abs, lambda y, x: (x / (y + TINY),), "fabs",  # at 0 the mean of those beside it
+    Operation("abs", abs, lambda y, x: (x / (y + TINY),), "fabs",  # at 0 the mean of both sides
               lambda a, b, d: a.make("abs_slope", a, d), rooted=True),
     _elementary("sqrt", lambda y, x: (0.5 / (y if x.positive else y + TINIER),), intrinsic=True, rooted=True,
                 positive=1, difference=lambda a, b, d: 1.0 / (a.sqrt() + b.sqrt()), inverse=lambda y: y * y),
@@ -198,29 +198,29 @@ NAMED = re.compile(r"\b([a-z_]\w*)\(")  # functions that a text calls
 
 
 def partials(name: str, y: Any, *x: Any) -> tuple[Any, ...]:
-    """Derivatives of y = f(x, ...) by each argument, where there are any; numbers among them are floats."""
+    """Derivatives of y = f(x, ...) by each argument; () where there are none. Constant ones are floats."""
     slopes = OPERATIONS[name].slopes if name in OPERATIONS else None
     return () if slopes is None else tuple(slopes(y, *x))
 
 
 def by_numpy(name: str) -> Operation | None:
-    """The operation that a function of numpy, or a method of this name, is."""
+    """The operation of a function, or method, of numpy's name; None for others."""
     rows = (row for row in OPERATIONS.values() if name and row.numpy == name)
     return next(rows, None)
 
 
 def functions() -> dict[str, Rule]:
-    """The functions that formulas call, of numbers, by the names of C."""
+    """The functions of numbers that formulas call, by the names of C."""
     return {row.name: row.value for row in OPERATIONS.values() if row.value is not None and row.numpy}
 
 
 def values() -> dict[str, Rule]:
-    """All that the text of a kernel may call."""
+    """All functions that the text of a kernel may call, by name."""
     return {row.name: row.value for row in OPERATIONS.values() if row.value is not None}
 
 
 def as_methods() -> dict[str, Rule]:
-    """The functions of objects that have methods of numpy's names."""
+    """The functions for objects that have methods of numpy's names."""
     return {row.name: _method(row.numpy) for row in OPERATIONS.values() if row.numpy} | {"pow": pow}
 
 
@@ -234,12 +234,12 @@ def _compiled(same: str) -> Any:
 
 
 def evaluated(same: str, rules: Mapping[str, Rule], x: Any, z: Any = None) -> Any:
-    """The formula that an operation is the same as, of x (and z), by these functions."""
+    """The formula `same` of an operation at x (and z), with these functions."""
     return eval(_compiled(same), dict(rules), {"x": x, "z": z})
 
 
 def completed(rules: Mapping[str, Rule]) -> dict[str, Rule]:
-    """These functions, and what can be made of them of those that are missing."""
+    """These functions, and others that can be composed of them."""
     completed_rules = dict(rules)
     for row in OPERATIONS.values():
         if row.same and row.name not in completed_rules and completed_rules.keys() >= set(NAMED.findall(row.same)):
@@ -248,7 +248,7 @@ def completed(rules: Mapping[str, Rule]) -> dict[str, Rule]:
 
 
 def rewritten(text: str, available: Collection[str]) -> str:
-    """The text of a kernel, in whose place of functions that are not known there are formulas of others."""
+    """The text of a kernel in which functions that are not available are replaced by formulas of others."""
     for row in reversed(OPERATIONS.values()):
         if row.same and row.name not in available:
             call = re.compile(rf"\b{row.name}\(([^(),]+|\([^()]*\))(?:, ([^(),]+|\([^()]*\)))?\)")
@@ -257,10 +257,10 @@ def rewritten(text: str, available: Collection[str]) -> str:
 
 
 def _replaced(same: str, call: re.Match[str]) -> str:
-    """The formula of a call in the text, in brackets."""
+    """The formula of a call, with its arguments, in brackets."""
     return "(" + re.sub(r"\b[xz]\b", lambda letter: f"({call[1 if letter[0] == 'x' else 2]})", same) + ")"
 
 
 def formulas_may_call() -> str:
-    """For sentences: the functions of numpy."""
+    """The names of numpy's functions, for sentences."""
     return ", ".join("abs" if x == "abs" else OPERATIONS[x].numpy for x in functions() if x != "pow")

@@ -1,4 +1,4 @@
-"""Records: what a compiled function reads and writes, as one table of eight bytes a field.
+"""Records: structures that compiled functions read and write, tables of eight bytes a field.
 
 A field is a number, a kernel's address, an array's address, or that of another record's table. In compiled code
 `record.x` is one load; in Python it is the number, the numpy array or the record, which the record keeps alive.
@@ -31,7 +31,7 @@ TYPES: dict[str, np.dtype[Any]] = {  # of arrays of another kind than doubles
 
 
 def annotation_text(annotation: Any) -> str:
-    """An annotation as the language writes it, whether it was text or, without the __future__ import, an object."""
+    """An annotation as text; without the __future__ import it is an object."""
     if isinstance(annotation, str):
         return annotation
     if get_origin(annotation) is Rows:
@@ -44,7 +44,7 @@ def annotation_text(annotation: Any) -> str:
 
 
 def address_of(array: np.ndarray) -> int:
-    """Where the array's numbers begin (a fifth of the time of `array.ctypes.data`)."""
+    """The address of the array's numbers, in a fifth of the time of `array.ctypes.data`."""
     return ctypes.c_size_t.from_address(id(array) + HEAD).value
 
 
@@ -60,7 +60,7 @@ class Sized:
 def sized(*lengths: str, of: str = "", at: str = "0") -> Any:
     """Declare an array field's shape, as in `matrix: Matrix = sized("n", "n + 2")`.
 
-    of : an array declared before, which this one is a part of, from its number `at` on.
+    of : an earlier array of which this one is a part, from its element `at` on.
     """
     return Sized(lengths, of, at)
 
@@ -98,7 +98,7 @@ class Field:
     def __get__(self, record: Any, owner: type) -> Any:
         if record is None:
             return self
-        array = record._kept.get(self.name)  # what is asked for often comes first: a run reads some twenty arrays
+        array = record._kept.get(self.name)  # the common case first: a run reads some twenty arrays
         if array is not None:
             return array
         if self.is_whole:
@@ -119,7 +119,7 @@ class Record:
     ShortInts, ShortFloats, another Record or Rows[another]. `class Tally(Record, mutable=True)` may be written by
     compiled code, numbers only.
 
-    Made by keyword. An array that is not given is allocated, zero, in the shape that its declaration says.
+    Fields are set by keyword. Other arrays are allocated, zero, in their declared shapes.
     """
 
     fields: ClassVar[dict[str, Field]] = {}
@@ -169,8 +169,8 @@ class Record:
             table[field.index] = address_of(_checked(field, value, plan.shapes) if field.is_array else value.table)
 
     def again(self: R, **values: Any) -> R:
-        """Another record with the same numbers, and memory of its own, zero: what was given is shared, but for these
-        values, of the same shapes."""
+        """A record with the same numbers and arrays of its own, zero. Arrays that were passed are shared, but for
+        `values`, of the same shapes."""
         copied, fields, plan = object.__new__(type(self)), type(self).fields, self._plan
         copied._with_memory(
             plan, self.table.copy(), {field.name: self._kept[field.name] for field in plan.given} | values
@@ -180,7 +180,7 @@ class Record:
         return copied
 
     def _with_memory(self, plan: _Plan, table: np.ndarray, kept: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Live in this table, with new memory beside what is kept; returns what `_at` does."""
+        """Use this table, with new memory for the record's own arrays; returns as `_at`."""
         self._kept, self._plan = kept, plan
         if plan.memory:
             memory = kept[""] = np.zeros(plan.memory)
@@ -191,22 +191,22 @@ class Record:
         raise TypeError(f"a {type(self).__name__} is no data: it holds addresses in memory, which a copy would share")
 
     def _at(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Live in this table; returns it, and the same memory as floats."""
+        """Use this table; returns it, and the same memory as floats."""
         self.table, self.reals, self.address = table, table.view(np.float64), address_of(table)
         return table, self.reals
 
     def clear(self) -> None:
-        """Zero into every array that the record allocated."""
+        """Set every array that the record allocated to 0."""
         if self._plan.memory:
             self._kept[""].fill(0.0)
 
     def lend(self, name: str, array: np.ndarray, address: int = 0) -> None:
-        """Another array (which is at this address) in place of one; the caller sets what its shape is declared by."""
+        """Replace an array field by this array, at this address; the caller sets the fields that declare its shape."""
         self._kept[name] = array
         self.table[type(self).fields[name].index] = address or address_of(array)
 
     def _array(self, field: Field) -> Any:
-        """An array that the record allocated; it becomes an array when it is first asked for."""
+        """An array of the record's own memory; the numpy object is made when it is first read."""
         start, shape = self._plan.shapes[field.name]
         memory = self._kept[""][start:]
         part = (memory if field.type is DOUBLE else memory.view(field.type))[: math.prod(shape)].reshape(shape)
@@ -214,7 +214,7 @@ class Record:
         return part
 
     def as_numbers(self) -> Any:
-        """The fields of a mutable record as they are now; read at once, in a quarter of the time of one by one."""
+        """A copy of the fields of a mutable record, read at once, in a quarter of the time of one by one."""
         return self._plan.named._make(self._plan.layout.unpack_from(self.table.data))
 
     @classmethod
@@ -227,7 +227,7 @@ class Record:
 
 
 class _Plan:
-    """What making a record of a class from these names and sizes comes to."""
+    """The layout of a record of a class with these names and sizes."""
 
     def __init__(self, cls: type[Record], values: dict[str, Any]) -> None:
         for name in values:
@@ -259,7 +259,7 @@ class _Plan:
 
 
 def _checked(field: Field, array: np.ndarray, shapes: dict[str, tuple[int, tuple[int, ...]]]) -> np.ndarray:
-    """The array, if it is one that compiled code can read."""
+    """The array, if compiled code can read it; else TypeError or ValueError."""
     shape = shapes[field.name][1]
     if array.shape != shape:
         raise TypeError(f"{field.name} has shape {array.shape}, declared is {shape}")

@@ -1,4 +1,4 @@
-"""Short vectors in the text of a kernel: a few numbers that go through the same arithmetic at once.
+"""Short vectors in the text of kernels: a few numbers on which arithmetic is done at once.
 
 `vector`, `row`, `pick` and `put` of `language` make them, read them, mix their lanes and store them; +, -, * and / of
 two vectors, or of a vector and a number, act lane by lane. LLVM maps them to what the processor has.
@@ -30,7 +30,7 @@ def kind_of_width(width: int) -> str:
 
 @cache
 def width_of(kind: Any) -> int:
-    """How many numbers a vector of this kind has; 0 of what is none."""
+    """The number of lanes of a vector of this kind; 0 for other kinds."""
     match = re.match(r"<(\d+) x", kind) if isinstance(kind, str) else None
     return int(match[1]) if match else 0
 
@@ -45,7 +45,7 @@ def _everywhere(body: Arithmetic, width: int, number: str) -> str:
 
 
 def common(body: Arithmetic, node: ast.AST, width: int, values: Sequence[Value]) -> tuple[str, list[str]]:
-    """Vectors, and numbers that count for every lane, as vectors of this width."""
+    """Values as vectors of this width; numbers are repeated in every lane."""
     codes = []
     for value in values:
         if width_of(value.kind) not in (0, width):
@@ -112,7 +112,7 @@ def _pick(body: Expressions, node: ast.Call) -> Value:
 
 
 def _two_product(body: Expressions, node: ast.Call) -> Value:
-    """By fused multiply-add, which C has where the processor has none: the bits of that of `language`."""
+    """`language.two_product` by fused multiply-add, to the last bit; C has it where the processor has not."""
     values = [body.value(x) for x in node.args]
     kind = next((x.kind for x in values if width_of(x.kind)), FLOAT)
     x, y = (body.part(v) if v.kind == kind else body.convert(node, v, kind) for v in values)
@@ -125,7 +125,7 @@ def _two_product(body: Expressions, node: ast.Call) -> Value:
 
 
 def elementary(body: Arithmetic, name: str, kind: Any, values: Sequence[str]) -> Value:
-    """A function of C of the lanes of vectors: of some for all lanes at once, else lane by lane."""
+    """A function of C on vectors: some for all lanes at once, others lane by lane."""
     width = width_of(kind)
     if name in WRITTEN:
         return Value(kind, (getattr(VectorFunctions(body.emit, width), name.split(".")[1])(*values),))

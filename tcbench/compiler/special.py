@@ -1,4 +1,4 @@
-"""The divided differences that discrete gradients are made of, and their derivatives.
+"""Divided differences of elementary functions, for discrete gradients, and their derivatives.
 
     phi(x) = expm1(x)/x       lam(x) = log1p(x)/x       sinc(x) = sin(x)/x       all 1 at x = 0
     atan_slope(a, d) = (atan(a + d) - atan(a))/d       tanh_slope(a, d), abs_slope(a, d) likewise
@@ -13,7 +13,7 @@ from .language import of_c
 
 exp, expm1, log1p, sin, cos, tanh, atan2 = map(of_c, ("exp", "expm1", "log1p", "sin", "cos", "tanh", "atan2"))
 SINC_SERIES = 0.2  # x^2 below this: the first omitted term of sinc is 0.2^7/15! = 1e-17, of its slope 4e-15
-NEGLIGIBLE = 1e-18  # a term of a sum of positive ones, over the sum
+NEGLIGIBLE = 1e-18  # last term of a sum of positive ones, over the sum
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
 LAM_TAYLOR = 0.05  # |x| below this: the first omitted term of lam is 0.05^12/13 = 2e-17
 LAM_SERIES = 0.14  # |x/(2 + x)| below this: the first omitted term of lam is 0.14^18/19 = 2e-17
@@ -91,7 +91,7 @@ def dlam(x: float) -> float:
 
 
 def phi_slope(order: float, x: float) -> float:
-    """Derivative number `order` of phi: the integral of t^order exp(x t) from 0 to 1."""
+    """The `order`-th derivative of phi: the integral of t^order exp(x t) from 0 to 1."""
     if abs(x) > order + 40.0:  # by parts: nothing cancels there
         value, k = phi(x), 1.0
         while k <= order:
@@ -115,7 +115,7 @@ def phi_slope(order: float, x: float) -> float:
 
 
 def lam_slope(order: float, x: float) -> float:
-    """Derivative number `order` of lam: (-1)^order order! times the integral of t^order/(1 + x t)^(order + 1)."""
+    """The `order`-th derivative of lam: (-1)^order order! times the integral of t^order/(1 + x t)^(order + 1)."""
     total, j = 0.0, 0.0
     if x > 8.0 or not x > -0.75:  # by parts, from log1p(x) = x lam(x)
         value, rate, k = lam(x), 1.0 / (1.0 + x), 1.0
@@ -171,7 +171,7 @@ def dsinc(x: float) -> float:
 
 
 def sinc_slope(order: float, x: float) -> float:
-    """Derivative number `order` of sinc: the integral of t^order times that derivative of the cosine at x t."""
+    """The `order`-th derivative of sinc: the integral of t^order cos^(order)(x t) from 0 to 1."""
     k, value = 1.0, sinc(x)
     if abs(x) > order + 1.0:
         here, following = cos(x), -sin(x)
@@ -220,7 +220,7 @@ def atan_bend(a: float, d: float) -> float:
 
 
 def abs_slope(a: float, d: float) -> float:
-    """(|a + d| - |a|)/d: of one side its sign, exactly, so that |x| - x stays 0, and no less; at 0 their mean."""
+    """(|a + d| - |a|)/d: exactly 1 or -1 on one side, so that |x| - x stays 0; at 0 their mean."""
     b = a + d
     if min(a, b) < 0.0 and max(a, b) > 0.0:
         return (a + b) / (abs(a) + abs(b))

@@ -21,7 +21,7 @@ def _targets(node: ast.AST) -> Iterable[str]:
 
 
 def _all_statements(body: Iterable[ast.stmt]) -> Iterable[ast.stmt]:
-    """Those of a body and of the bodies in it; what their expressions are made of is not looked at."""
+    """The statements of a body and of the bodies in it, expressions left out."""
     for node in body:
         yield node
         if not isinstance(node, ast.Assign):
@@ -30,7 +30,7 @@ def _all_statements(body: Iterable[ast.stmt]) -> Iterable[ast.stmt]:
 
 
 def _assignments(tree: ast.FunctionDef) -> dict[str, int]:
-    """How often each local name is assigned; arguments count."""
+    """The number of assignments to each local name; an argument is one."""
     counts = {a.arg: 1 for a in tree.args.args}
     for node in _all_statements(tree.body):
         targets = node.targets if isinstance(node, ast.Assign) else []
@@ -137,7 +137,7 @@ class Body(Expressions):
             raise self.refusal(target, "this cannot be assigned to")
 
     def _put(self, node: ast.AST, place: Value, value: Value) -> None:
-        """A number into its place in an array."""
+        """Store a number in an array."""
         kind, _, narrows = IN_MEMORY.get(place.kind, (place.kind, "", ""))
         code = self.convert(node, value, kind)
         if narrows:

@@ -1,10 +1,10 @@
-"""Symbols: formulas become graphs by recording what numpy does to them.
+"""Symbols record what numpy does to them: formulas become graphs.
 
 A formula written in plain numpy is run once on object arrays of `Symbol`. Every operation returns a new
 symbol; equal expressions are one object (so nothing is computed twice), and the order of floating-point
 operations is the author's, except for rewritings that lose no digits: (a + b) - a is b, x / y is x * (1/y). They keep
-to the domain of what was written: log is undone by exp, and a factor by a division, of positive numbers only. Of what
-is not finite nothing is kept: 0 x and x - x are 0, so that what is switched off costs nothing.
+the domain: exp(log x) is x, and x y / y is x, for positive numbers only. They do not keep what is not finite: 0 x and
+x - x are 0, so that terms that are switched off cost nothing.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Other = TypeVar("Other")
 Number: TypeAlias = "Symbol | float | np.floating[Any] | np.integer[Any]"
 
 
-# a power of so many factors, or half factors, is written as products by squaring
+# exponents, and half exponents, up to which powers are products by squaring
 MOST_WHOLE, MOST_HALVES = 1024, 64
 TAKE = "Take it along a table first: x[self.table], self.table.sums(x)"
 _COUNTER = iter(range(sys.maxsize))
@@ -48,7 +48,7 @@ def _is_positive(op: str, args: tuple[Symbol, ...], value: Any) -> bool:
 
 
 def positive(values: Iterable[Any]) -> None:
-    """Say of these symbols that they stand for positive numbers: temperatures, masses."""
+    """Declare that these symbols are positive numbers, such as temperatures and masses."""
     for x in values:
         if isinstance(x, Symbol):
             x.positive = True
@@ -57,7 +57,7 @@ def positive(values: Iterable[Any]) -> None:
 def operators(
     lifted: Callable[[T, Other], T], operation: Callable[[T, T], T]
 ) -> tuple[Callable[[T, Other], T], Callable[[T, Other], T]]:
-    """x + y and y + x, say, of a class. lifted(x, y): y as one of it; NotImplemented where y takes over, as arrays."""
+    """The methods for x + y and y + x, say, of a class. lifted(x, y) : y as one of it; NotImplemented for arrays."""
 
     def forward(self: T, other: Other) -> T:
         y = lifted(self, other)
@@ -83,9 +83,9 @@ class Symbol(Choosing):
     """One value of the expression graph; behaves as a number in numpy object arrays."""
 
     __slots__ = ("__weakref__", "args", "number", "op", "positive", "space", "truth", "value")
-    positive: bool  # known to be: what an author says is, and what is made of such
+    positive: bool  # declared so, or made of positive symbols so that it is
     truth: bool  # a comparison, or several joined
-    space: str  # of what it stands for an array of all: see `arrays`; "" of a number
+    space: str  # whose entries it stands for, see `arrays`; "" of a number
 
     def __init__(self, op: str, args: tuple[Symbol, ...], value: Any) -> None:
         self.op, self.args, self.value = op, args, value
@@ -136,7 +136,7 @@ class Symbol(Choosing):
     __int__ = __index__ = __float__
 
     def __getattr__(self, name: str) -> Callable[..., Symbol]:
-        """numpy's functions call methods of their own names."""
+        """The methods that numpy's functions call on objects."""
         row = ops.by_numpy(name)
         if row is None:
             raise AttributeError(f"a symbol has no {name!r}")
@@ -147,12 +147,12 @@ class Symbol(Choosing):
         """An operation on symbols and numbers: see `ops`."""
         return make(op, *args)
 
-    def conjugate(self) -> Symbol:  # numpy's vdot and norms ask for it
+    def conjugate(self) -> Symbol:  # for numpy's vdot and norms
         return self
 
 
 def intern(op: str, args: tuple[Symbol, ...], value: Any = None, space: str | None = None) -> Symbol:
-    """The node of this operation; space: of its value, by default that of its arguments."""
+    """The node of this operation. space : of its value, by default that of its arguments."""
     key = (op, tuple(a.number for a in args), value)
     table = INTERNED.table
     node = table.get(key)
@@ -181,24 +181,24 @@ def lifted(value: Any) -> Symbol:
 
 
 def as_symbol(value: Any) -> Any:
-    """The same of what a formula returns, whose numbers are no symbols where it reads nothing of the state."""
+    """The value of a formula with numbers as symbols: they are constants where it does not read the state."""
     if type(value) is np.ndarray:
         return np.frompyfunc(as_symbol, 1, 1)(value) if value.size else value
     return const(float(value)) if isinstance(value, Real) else value
 
 
 def variable(name: str) -> Symbol:
-    """A fresh input; two variables are never the same symbol."""
+    """A new input; two variables are never the same symbol."""
     return Symbol("var", (), name)
 
 
 def variables(name: str, size: int) -> NDArray[np.object_]:
-    """Object array, shape (size,), of fresh inputs."""
+    """An object array of new inputs, shape (size,)."""
     return array(variable(f"{name}{i}") for i in range(size))
 
 
 def array(items: Iterable[Any]) -> NDArray[np.object_]:
-    """Object array, shape (count,), of these items, whatever they are: `np.array` would ask each for its own arrays."""
+    """An object array of these items, shape (count,); `np.array` would convert items that are arrays."""
     return np.fromiter(items, dtype=object)
 
 
@@ -207,7 +207,7 @@ def is_const(node: Symbol, value: float | None = None) -> bool:
 
 
 def make(op: str, *args: Any) -> Symbol:
-    """An elementary function of these; of constants its value, as numpy has it."""
+    """An elementary function of these arguments; of constants its value."""
     row, x = ops.OPERATIONS.get(op), tuple(map(lifted, args))
     if row is not None and row.value is not None and all(map(is_const, x)):
         with np.errstate(all="ignore"):
@@ -310,7 +310,7 @@ def mul(a: Symbol, b: Symbol) -> Symbol:
 
 
 def _is_normal(value: float) -> bool:
-    """Has a product of two constants, none of them 0, all its digits?"""
+    """Does a product of two constants, none of them 0, have all its digits?"""
     return sys.float_info.min <= abs(value) < math.inf
 
 
@@ -336,7 +336,7 @@ def reciprocal(a: Symbol) -> Symbol:
 
 
 def _is_power(product: Symbol) -> bool:
-    """Are all of its factors one?"""
+    """Are all factors of the product one symbol?"""
     factors, bases = [product], set[int]()
     while factors and len(bases) < 2:
         x = factors.pop()
@@ -348,8 +348,8 @@ def _is_power(product: Symbol) -> bool:
 
 
 def power(base: Symbol, exponent: Any) -> Symbol:
-    """base ** exponent: whole numbers up to 1024 by products, which take any base, halves up to 32 by a root; another
-    power of a product with an exponential in it as one exponential: (exp(s) / v)^c is exp(c (s - log v))."""
+    """base ** exponent: integers up to 1024 by products, for any base; half-integers up to 32 by a root; others of a
+    product with an exponential in it by one exponential: (exp(s) / v)^c is exp(c (s - log v))."""
     exponent = lifted(exponent)
     wanted = exponent.value if is_const(exponent) else math.inf
     if wanted > 0 and 2 * wanted <= MOST_HALVES and wanted % 1 == 0.5:
@@ -367,7 +367,7 @@ def power(base: Symbol, exponent: Any) -> Symbol:
 
 
 def _logarithm(product: Symbol) -> Symbol | None:
-    """Of a product with exponentials in it, which is positive where the rest is; None of another."""
+    """The logarithm of a product with exponentials in it, without these; None of other products."""
     factors, exponents, rest = [product], list[Symbol](), list[Symbol]()
     while factors:
         x = factors.pop()

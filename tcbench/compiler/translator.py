@@ -1,10 +1,10 @@
-"""Restricted Python becomes LLVM: kernels, special functions and loops, all by one translator.
+"""From restricted Python to LLVM: kernels, special functions and loops.
 
-What is translated: functions with annotated arguments and results; assignment, if, while, for over range, break,
+Translated are functions with annotated arguments and results; assignment, if, while, for over range, break,
 continue, return; numbers, arrays and records (`records`) with arithmetic, comparison, and/or/not, x if t else y, min,
 max, abs, len, sqrt and the like, indexing, calls of such functions, and `call(kernel, a, b, out)`. A local name has the
-kind of its first value. Everything else is refused, with function, line and text, and so is what compiled code would
-get wrong without a word: a name that may be unset, a function that runs off its end, recursion, text never reached.
+kind of its first value. All else is refused, with function, line and text, and so are texts that would be wrong in
+silence: a name that may be unset, a function without a final return, recursion, text that is never reached.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .values import BOOL, FUSED, INT, NOTHING, Array, Several, TranslationError,
 
 KERNEL = Array(sized=False)
 TABLE = "@table = global ptr null"
-LATE, MAKER = "late.", "maker."  # names of places: of a late function's address, and of what has it compiled
+LATE, MAKER = "late.", "maker."  # prefixes of globals: a late function's address, and the function that compiles it
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Function:
     """A translated function, as its callers see it."""
 
     name: str  # of LLVM
-    title: str  # for people
+    title: str  # in messages
     arguments: dict[str, Any]
     result: Any
     fused: str  # flag of its floating-point operations
@@ -55,7 +55,7 @@ def _all_functions(body: Iterable[ast.stmt]) -> Iterable[ast.FunctionDef]:
 
 @lru_cache(maxsize=64)
 def _functions(text: str) -> dict[tuple[str, str], ast.FunctionDef]:
-    """The functions of a source by name and what they are compiled to."""
+    """The functions of a source by name and digest of their bytecode."""
     tree = ast.parse(text)
     nodes = {(f.name, min([f.lineno, *(d.lineno for d in f.decorator_list)])): f for f in _all_functions(tree.body)}
     tree_of, inner = {}, [compile(tree, "<text>", "exec", dont_inherit=True)]
@@ -68,9 +68,9 @@ def _functions(text: str) -> dict[tuple[str, str], ast.FunctionDef]:
 
 
 def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
-    """The text of a function, found by what it was compiled to: a file may have been edited since it was imported.
+    """The syntax tree of a function, found by its bytecode: a file may have been edited since it was imported.
 
-    texts: of the file, at the times when it was read.
+    texts : of the file, at the times when it was read.
     """
     for text in texts:
         with suppress(KeyError, SyntaxError, ValueError):
@@ -85,15 +85,15 @@ def source_tree(code: CodeType, *texts: str) -> ast.FunctionDef:
 class Module:
     """One LLVM module under construction."""
 
-    sources: dict[str, str] = field(default_factory=dict)  # texts of files as they were read before
-    root: Any = None  # a late function, of which this module is
+    sources: dict[str, str] = field(default_factory=dict)  # by file, its text when it was read
+    root: Any = None  # the late function that this module is made for
     late: dict[FunctionType, Function] = field(default_factory=dict)
     functions: dict[Any, Function] = field(default_factory=dict)
     code: list[str] = field(default_factory=list)
     declared: dict[str, int] = field(default_factory=dict)
     open: list[Any] = field(default_factory=list)  # functions that are being translated
-    external: set[str] = field(default_factory=set)  # declarations of C functions that take other than doubles
-    numbers: Any = None  # what a kernel's text calls its table
+    external: set[str] = field(default_factory=set)  # declarations of C functions with other arguments than doubles
+    numbers: Any = None  # the object that a kernel's text calls its table
 
     def declare(self, name: str, count: int) -> None:
         self.declared[name] = count
@@ -103,13 +103,13 @@ class Module:
         return "\n".join([*self.code, *declarations, *sorted(self.external), "!0 = !{}", ""])
 
     def table(self) -> str:
-        """The place of the address of the kernel's table, which is filled in when the code is loaded."""
+        """Declare the global with the address of the kernel's table, which is set when the code is loaded."""
         if TABLE not in self.code:
             self.code.append(TABLE)
         return "@table"
 
     def function(self, function: FunctionType) -> Function:
-        """A Python function, translated when it is first asked for."""
+        """The translation of a Python function, made when it is first asked for."""
         if function in self.functions:
             return self.functions[function]
         names: Mapping[str, Any] = function.__globals__
@@ -125,7 +125,7 @@ class Module:
         return self._translate(function, name, tree, names, file, form, function.__annotations__)
 
     def _later(self, function: FunctionType, names: Mapping[str, Any]) -> Function:
-        """The place of the address of a late function: at first that of one which has it compiled and put there."""
+        """The global with a late function's address: at first that of a function that compiles and stores it."""
         self.sources.setdefault(function.__code__.co_filename, _text_now(function))
         place = f'@"{LATE}{len(self.late)}"'
         kinds = {name: kind_of(kind, names) for name, kind in function.__annotations__.items()}
@@ -143,7 +143,7 @@ class Module:
         return stub
 
     def kernel(self, text: str, names: Mapping[str, Any]) -> None:
-        """The kernel(a, b, out) of a text, which other code reaches under this name."""
+        """Add the kernel(a, b, out) of a text to the module."""
         self.numbers = names.get("table")
         (tree,) = (node for node in ast.parse(text).body if isinstance(node, ast.FunctionDef))
         self._translate(text, "@kernel", tree, names, "<kernel>", "{}", None)
@@ -176,8 +176,8 @@ class Module:
         return translated
 
     def entry(self, function: FunctionType, name: str) -> Function:
-        """A function for ctypes: numbers as they are, a record by its address, an array by address and lengths; several
-        results go through one more argument, an address."""
+        """Add a function for ctypes: numbers are passed by value, records by address, arrays by address and lengths;
+        several results are written to an address, the last argument."""
         callee = self.function(function)
         parts = [f"{m} %{a}{i}" for a, kind in callee.arguments.items() for i, m in enumerate(machine_kinds(kind))]
         bools = [(a, f"%{a}0") for a, kind in callee.arguments.items() if kind == BOOL]
@@ -215,7 +215,7 @@ def _text_now(function: FunctionType) -> str:
 
 
 def _closure(function: FunctionType) -> dict[str, Any]:
-    """What the names from the function around it stand for."""
+    """The values of the names from the function around it."""
     cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
     try:
         return {name: cell.cell_contents for name, cell in cells}
@@ -226,5 +226,5 @@ def _closure(function: FunctionType) -> dict[str, Any]:
 
 
 def _is_small(tree: ast.FunctionDef) -> bool:
-    """Arithmetic alone: such a function is part of its callers."""
+    """Does a function have arithmetic only? Then it is inlined."""
     return not any(isinstance(node, ast.For | ast.While | ast.Expr) for node in tree.body[1:])

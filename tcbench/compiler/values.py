@@ -11,7 +11,7 @@ from ..errors import TcbenchError
 from .records import DOUBLE, RANKS, TYPES, Record, Rows, annotation_text
 
 INT, FLOAT, BOOL, NOTHING = "i64", "double", "i1", "void"
-SHORT_INT, SHORT_FLOAT = "i32", "float"  # in memory only: what they become, and how they are read and stored
+SHORT_INT, SHORT_FLOAT = "i32", "float"  # kinds in memory only: loads and stores convert
 IN_MEMORY = {SHORT_INT: (INT, "sext", "trunc"), SHORT_FLOAT: (FLOAT, "fpext", "fptrunc")}
 NUMPY = {FLOAT: DOUBLE, **dict(zip((INT, SHORT_INT, SHORT_FLOAT), TYPES.values(), strict=True))}  # of an array's items
 ITEMS = {numpy: item for item, numpy in NUMPY.items()}
@@ -28,7 +28,7 @@ class TranslationError(TcbenchError):
 
 @dataclass(frozen=True)
 class Array:
-    """Contiguous numbers; the lengths of a kernel's arrays are not known."""
+    """A contiguous array; those of a kernel have no known lengths."""
 
     rank: int = 1
     item: str = FLOAT
@@ -43,7 +43,7 @@ class RowsOf:
 
 @dataclass(frozen=True)
 class Several:
-    """A tuple of numbers: what a function with several results returns."""
+    """A tuple of numbers, the value of a function with several results."""
 
     kinds: tuple[str, ...]
 
@@ -51,18 +51,18 @@ class Several:
 class Value(NamedTuple):
     kind: Any
     parts: tuple[Part, ...]
-    fixed: bool = False  # the place of a number that never changes
+    fixed: bool = False  # never written to
 
 
 def machine_kinds(kind: Any) -> list[str]:
-    """LLVM's types of the parts of a value that is passed or kept."""
+    """LLVM's types of the parts of a value."""
     if isinstance(kind, Array):
         return ["ptr", *[INT] * (kind.rank if kind.sized else 0)]
     return [kind] if isinstance(kind, str) else list(kind.kinds) if isinstance(kind, Several) else ["ptr"]
 
 
 def constant(x: float) -> str:
-    """A double as LLVM writes it, all bits. (Of no cache: in one 0.0 and -0.0 would be the same.)"""
+    """A double as LLVM writes it, all bits. Not cached: a cache takes 0.0 for -0.0."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', x))[0]:016X}"
 
 
@@ -77,7 +77,7 @@ def say(kind: Any) -> str:
 
 
 def kind_of(annotation: Any, names: Mapping[str, Any]) -> Any:
-    """The kind that an annotation stands for, its text or the object itself; None if it is none of the language."""
+    """The kind of an annotation, text or object; None for kinds that are not in the language."""
     if isinstance(annotation, type) and issubclass(annotation, Record):
         return annotation
     if get_origin(annotation) is Rows:

@@ -12,7 +12,7 @@ import numpy as np
 
 from .values import FLOAT, FUSED, INT, constant
 
-ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, which then stands in the low bits
+ROUND = 1.5 * 2.0**52  # adding it rounds to an integer, in the low bits
 LN2_HIGH, LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # their sum is ln 2 to 33 more digits
 EXP_SERIES = [1.0 / math.factorial(k) for k in range(14)]  # |r| <= ln(2)/2: the first omitted term is 4e-18
 LOG_SERIES = [  # log((1 + s)/(1 - s)) = 2s + s R(s^2) for s^2 < 0.0295, error 2^-58 (Sun's fdlibm, e_log.c)
@@ -26,7 +26,7 @@ EXPONENT = 52  # bits of a double behind its exponent
 
 
 class VectorFunctions:
-    """Operations and functions of vectors of so many doubles. emit: writes an operation of LLVM, gives its name."""
+    """Operations and functions on vectors of `width` doubles. emit : writes an operation of LLVM, returns its name."""
 
     def __init__(self, emit: Callable[[str], str], width: int) -> None:
         self.emit, self.width = emit, width
@@ -41,7 +41,7 @@ class VectorFunctions:
         return self.emit(f"{operation} {self.bits} {x}, {y}")
 
     def constant(self, value: Any) -> str:
-        """A number in every lane, or a number for each, the first repeated in the lanes that are left."""
+        """A number in every lane, or one for each; further lanes have the first."""
         values = [float(value)] if np.ndim(value) == 0 else [float(x) for x in value]
         values += [values[0]] * (self.width - len(values))
         return f"<{', '.join(f'{FLOAT} {constant(x)}' for x in values)}>"
@@ -55,7 +55,7 @@ class VectorFunctions:
         return self.emit(f"bitcast {self.kind} {x} to {self.bits}")
 
     def from_bits(self, x: str) -> str:
-        """The reverse."""
+        """The numbers with these bits."""
         return self.emit(f"bitcast {self.bits} {x} to {self.kind}")
 
     def select(self, test: str, x: str, y: str, yes: str, no: str) -> str:
@@ -76,7 +76,7 @@ class VectorFunctions:
         return self.real("fdiv", x, y)
 
     def polynomial(self, coefficients: Sequence[float], x: str) -> str:
-        """In Estrin's order: short chains of operations."""
+        """A polynomial in Estrin's order: short chains of operations."""
         terms = [self.constant(c) for c in coefficients]
         while len(terms) > 1:
             pairs = [self.add(low, self.mul(high, x)) for low, high in zip(terms[::2], terms[1::2], strict=False)]
@@ -85,7 +85,7 @@ class VectorFunctions:
         return terms[0]
 
     def exp(self, x: str) -> str:
-        """Within an ulp; infinite where it overflows, 0 where it is below the smallest normal number, NaN of NaN."""
+        """exp(x) within an ulp; infinite where it overflows, 0 below the smallest normal number, NaN of NaN."""
         argument, top, bottom = x, self.constant(LARGEST_EXP), self.constant(SMALLEST_EXP)
         x = self.select(">", x, top, top, x)
         x = self.select("<", x, bottom, bottom, x)
@@ -100,7 +100,7 @@ class VectorFunctions:
         return self.select("<", argument, bottom, self.constant(0.0), value)
 
     def log(self, x: str) -> str:
-        """Within an ulp; as numpy's: -infinity of 0, infinity of infinity, NaN where x is negative or NaN."""
+        """log(x) within an ulp; as numpy's: -infinity at 0, infinity at infinity, NaN where x is negative or NaN."""
         argument, least = x, self.constant(SMALLEST)
         x = self.select("<", x, least, self.mul(x, self.constant(2.0**54)), x)  # subnormal numbers
         bits, shift = self.as_bits(x), self.everywhere(EXPONENT)

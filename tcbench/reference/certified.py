@@ -31,11 +31,11 @@ from .collocation import Field, integrate
 
 FORMAT = 1
 SAFETY = 4.0  # of a certificate, over the gap of two computations
-# The same where formulas have |x|: across a kink both methods are of low order; once the error was 11 times the gap.
+# SAFETY where formulas have |x|: across a kink both methods are of low order; once the error was 11 times the gap.
 KINKED = 40.0
-# Round-off, which a chaotic system magnifies, may leave two runs beside each other and far from the solution: on
-# random[seed=16] at t_end the error was 5 times their gap. So what shaking the equations does counts, too: for so many
-# units of round-off (docs/truth.md has how many errors take).
+# Round-off, which a chaotic system magnifies, may leave two runs near each other and far from the solution: on
+# random[seed=16] at t_end the error was 5 times their gap. So the effect of shaking the equations counts, too, by
+# ROUNDINGS units of round-off (docs/truth.md has the errors).
 SHAKE, SHAKES, ROUNDINGS = 1e-8, 3, 32.0
 EPS = float(np.finfo(float).eps)
 STAGES, FEWER = (13, 9), (9, 6)  # of the two collocations; FEWER for states of more than MANY numbers
@@ -106,7 +106,7 @@ def stored_file() -> dict[str, Any]:
 
 
 def verified(text: str) -> dict[str, Any]:
-    """A file of references; refused where its checksum does not fit."""
+    """The content of a file of references; an error where its checksum does not fit."""
     record: dict[str, Any] = json.loads(text)
     if record.get("sha256") != checksum(record):
         raise TcbenchError("tcbench's stored references were changed, or damaged on their way: install tcbench again.")
@@ -114,7 +114,7 @@ def verified(text: str) -> dict[str, Any]:
 
 
 def checksum(data: Mapping[str, Any]) -> str:
-    """sha256 of all else that a file of references says."""
+    """sha256 of the content of a file of references without its checksum."""
     plain = {name: value for name, value in data.items() if name != "sha256"}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
@@ -149,11 +149,11 @@ def compute(
     field: Field, z0: ArrayLike, times: Sequence[float], tolerance: float = 1e-12, max_seconds: float = 300.0,
     magnitudes: Any = 1.0, safety: float = SAFETY,
 ) -> Reference:  # fmt: skip
-    """Reference at `times` for any smooth z' = f(z), z0 of shape (m,), from runs that share no step and no coefficient.
+    """Reference at `times` for any smooth z' = f(z), z0 of shape (m,), by runs that share no step and no coefficient.
 
-    Two Radau IIA collocations of different orders: `safety` times their gap is the certificate, or what round-off may
-    have become if that is more: the second is run again with each number that enters and leaves the equations changed
-    by SHAKE, always alike, and its state then moves by so many times as much.
+    The certificate is `safety` times the gap of two Radau IIA collocations of different orders, or the growth of
+    round-off if that is more: the second one is run again with each number that enters and leaves the equations changed
+    by the relative factor SHAKE. Raises ReferenceFailed.
     """
     times = tuple(float(t) for t in times)
     if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
@@ -180,7 +180,7 @@ def compute(
 
 @dataclass(frozen=True, eq=False)
 class Shaken:
-    """The same equations with factors (m,) on each number that enters and leaves them."""
+    """Equations with factors (m,) on each number that enters and leaves them."""
 
     field: Field
     before: NDArray[np.float64]
@@ -197,9 +197,9 @@ class Shaken:
 
 
 def cached(key: str, make: Callable[[], Reference]) -> Reference:
-    """`make()`, or what an earlier call kept under this key, which must hash everything the reference depends on.
+    """`make()`, or its earlier result in the cache. key : a hash of all that the reference depends on.
 
-    A file that cannot be read (damaged, or of another format) is made again, never trusted.
+    A file that is damaged, or of another format, is made again.
     """
     name = f"{key}.json"
     try:

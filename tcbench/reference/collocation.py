@@ -1,5 +1,5 @@
-"""Adaptive collocation, Radau IIA of any number of stages, in doubles: for equations that the series of `pairs` cannot
-follow, above all stiff ones."""
+"""Adaptive collocation, Radau IIA of any number of stages, in doubles: for stiff and other equations that the series of
+`pairs` cannot follow."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from . import quadrature
 Floats = NDArray[np.float64]
 MOST_STEPS, MOST_ITERATIONS = 200_000, 40
 CROWDED, LEAST_ADVANCE = 500, 1e-6  # steps in which less than this part of the time passes: it would never arrive
-SOLVED, NOISE = 1e-15, 1e-10  # a correction that ends an iteration; one below which slow progress is round-off
+SOLVED, NOISE = 1e-15, 1e-10  # the correction that ends an iteration; one below which slow progress is round-off
 
 
 class Field(Protocol):
@@ -96,7 +96,7 @@ def integrate(
                     f"h = {h:.2g}. Give the scenario a smaller t_converge: references are for systems of some "
                     "hundreds of numbers, and short times."
                 )
-            # halving what is left avoids a tiny last step, whose extrapolated guess would be poor
+            # halving the rest avoids a tiny last step, whose extrapolated guess would be poor
             step = end - t if end - t <= 1.01 * h else min(h, (end - t) / 2)
             K = _stages(method, field, z, step, last, magnitudes)
             if K is None:
@@ -111,7 +111,7 @@ def integrate(
             t = end if step == end - t else t + step
             change = step * (method.b @ K) + lost
             z, last, before = z + change, (K, step), z
-            lost = change - (z - before)  # what rounding dropped goes into the next step
+            lost = change - (z - before)  # compensated: the next step adds it
         states.append(z)
     return np.array(states)
 
@@ -144,7 +144,7 @@ def _stages(
 
 
 def _correction(method: Tableau, field: Field, z: Floats, h: float) -> Callable[[Floats], Floats] | None:
-    """Of K for a residual, with the Jacobian at z; None where that is not finite."""
+    """residual -> correction of K, (s, m) each, with the Jacobian at z (m,); None where that is not finite."""
     from scipy.linalg import lu_factor, lu_solve
 
     J = field.jacobian(0.0, z)

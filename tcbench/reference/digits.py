@@ -34,6 +34,6 @@ def exactly(scenario: Scenario, name: str, states: ArrayLike) -> list[list[Fract
 
 def _fraction(x: Any) -> Fraction:
     if not abs(x) < float("inf"):
-        return Fraction(float(x))  # which says so
-    mantissa, exponent = x.man_exp  # of its size
+        return Fraction(float(x))  # raises the error for NaN and infinity
+    mantissa, exponent = x.man_exp  # of |x|
     return (-1 if x < 0 else 1) * Fraction(int(mantissa)) * Fraction(2) ** int(exponent)

@@ -31,7 +31,7 @@ def eight(x: float) -> Eight:
 
 @exact
 def two_sum(x: Eight, y: Eight) -> tuple[Eight, Eight]:
-    """x + y as the rounded sum and what rounding took from it, exactly."""
+    """(sum, error) with sum + error = x + y exactly."""
     s = x + y
     t = s - x
     return s, (x - (s - t)) + (y - t)
@@ -39,7 +39,7 @@ def two_sum(x: Eight, y: Eight) -> tuple[Eight, Eight]:
 
 @exact
 def fast_two_sum(x: Eight, y: Eight) -> tuple[Eight, Eight]:
-    """The same where |x| >= |y|."""
+    """`two_sum` where |x| >= |y|."""
     s = x + y
     return s, y - (s - x)
 
@@ -79,13 +79,13 @@ def div(xh: Eight, xl: Eight, yh: Eight, yl: Eight) -> tuple[Eight, Eight]:
 
 @exact
 def power_of_two(k: float) -> float:
-    """2^k of a whole number; NaN beyond the exponents that are used."""
+    """2^k for an integer k; NaN beyond the exponents in use."""
     return from_bits((int(k) + 1023) * EXPONENT) if abs(k) < LARGEST_POWER else NAN
 
 
 @exact
 def rough_log(x: float) -> float:
-    """log x in doubles, to an ulp or two, of a positive number; NaN of others."""
+    """log x to an ulp or two for x > 0; NaN of others."""
     if not x > 0.0:
         return NAN
     whole = bits(x)
@@ -119,7 +119,7 @@ def sign(x: float) -> float:
 
 
 def lanewise(function: Callable[[float], float]) -> Callable[[Eight], Eight]:
-    """The function of eight numbers, one by one."""
+    """The function applied to eight numbers, one by one."""
 
     @exact
     def each(x: Eight) -> Eight:
@@ -139,7 +139,7 @@ sizes, signs = lanewise(size), lanewise(sign)
 @rare
 @exact
 def sqrt(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
-    """One step of Newton's from the root in doubles; 0 of 0, NaN of a negative number."""
+    """Square root: one Newton step from the root in doubles; NaN of negative numbers."""
     y = roots(xh)
     ph, pl = two_product(y, y)
     rh, rl = add(xh, xl, -ph, -pl)
@@ -149,7 +149,7 @@ def sqrt(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
 @rare
 @exact
 def exp(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
-    """x = k ln 2 + 64 r; the series of e^r - 1, squared six times."""
+    """e^x: x = k ln 2 + 64 r, the series of e^r - 1, squared six times."""
     k = (xh * INVERSE_LN2 + ROUND) - ROUND
     ph, pl = mul_double(eight(LN2), eight(LN2_LOW), k)
     rh, rl = add(xh, xl, -ph, -pl)
@@ -171,7 +171,7 @@ def exp(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
 @rare
 @exact
 def log(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
-    """Two steps of Newton's, y + x e^-y - 1, from the logarithm in doubles."""
+    """log x: two Newton steps, y + x e^-y - 1, from the logarithm in doubles."""
     yh, yl = rough_logs(xh), eight(0.0)
     for _ in range(2):
         eh, el = exp(-yh, -yl)
@@ -209,7 +209,7 @@ def cos_sin(xh: Eight, xl: Eight) -> tuple[Eight, Eight, Eight, Eight]:
 @rare
 @exact
 def atan(xh: Eight, xl: Eight) -> tuple[Eight, Eight]:
-    """The angle halved four times, t/(1 + sqrt(1 + t^2)), then its series."""
+    """atan x: the angle is halved four times, t/(1 + sqrt(1 + t^2)); then its series."""
     for _ in range(4):
         ph, pl = mul(xh, xl, xh, xl)
         ph, pl = add(ph, pl, eight(1.0), eight(0.0))

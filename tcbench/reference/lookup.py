@@ -1,9 +1,9 @@
 """`reference_for`: the certified states of any scenario: read from the package, or computed once and kept.
 
-Built-in scenarios have stored references, found by their numbers and not by their name, so that a variant made by
-`replace()` never gets the wrong one. Everything else is computed on the fly from the system's own traced equations, by
-two Taylor series in double-doubles (`pairs`: milliseconds) or, where these lead nowhere, by two collocations in
-doubles (`certified.compute`: seconds), and cached under a hash of all that it depends on.
+Built-in scenarios have stored references, looked up by their numbers and not by name, so that a variant made by
+`replace()` never gets the wrong one. Others are computed from the system's traced equations, by two Taylor series in
+double-doubles (`pairs`: milliseconds) or, where these fail, by two collocations in doubles (`certified.compute`:
+seconds), and cached under a hash of all that they depend on.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ def reference_for(scenario: Scenario, times: Sequence[float]) -> Reference:
 
 
 def ends_of(scenarios: Sequence[Scenario]) -> list[tuple[Reference | None, float]]:
-    """The reference of each scenario at its t_end, computed together and not kept, and how many times a change of the
-    start has become there; None, and NaN, where it cannot be had within SHORT seconds."""
+    """(reference, growth of a change of the start) of each scenario at its t_end, computed together and not cached;
+    (None, NaN) where it takes more than SHORT seconds."""
     systems, starts = [s.model for s in scenarios], [s.z0 for s in scenarios]
     ends: list[tuple[Reference | None, float]] = []
     for scenario, pair in zip(scenarios, pairs.solve(systems, starts, [[s.t_end] for s in scenarios]), strict=True):
@@ -68,7 +68,7 @@ def ends_of(scenarios: Sequence[Scenario]) -> list[tuple[Reference | None, float
 
 
 def _once(recipe: _Recipe) -> Reference:
-    """What the recipe gives; a failure is remembered for a while, for each method would wait for it again."""
+    """The reference of a recipe; a failure is cached for a day, or each method would wait for it again."""
     note = f"{recipe.key}.failed"
     when, _, what = (cache.read("references", note) or b"").decode().partition("\n")
     if when and abs(time.time() - float(when)) < REMEMBERED_S:  # a clock may have been set back
@@ -83,7 +83,7 @@ def _once(recipe: _Recipe) -> Reference:
 
 
 def algorithm() -> str:
-    """Hash of what makes references of equations, and the packages behind it."""
+    """Hash of the code and the packages that compute references."""
     return f"{cache.sources(str(__package__))} {_packages()}"
 
 
@@ -109,7 +109,7 @@ def content_hash(scenario: Scenario) -> str | None:
 
 
 def _at(reference: Reference, times: Sequence[float]) -> Reference:
-    """Of these times alone; KeyError where one is unknown."""
+    """The reference at these times alone; KeyError where one is missing."""
     rows = [reference.index(t) for t in times]
     names = ("times", "certificate", "floor", *(["exact"] if reference.exact else []))
     chosen: dict[str, Any] = {name: tuple(getattr(reference, name)[i] for i in rows) for name in names}
@@ -117,7 +117,7 @@ def _at(reference: Reference, times: Sequence[float]) -> Reference:
 
 
 class _Recipe:
-    """What `compute` needs for one scenario and set of times, and the key under which the result is kept."""
+    """The equations, start and times of a reference, and its key in the cache."""
 
     def __init__(self, scenario: Scenario, times: tuple[float, ...]) -> None:
         if scenario.model.multipliers and scenario.model.size > MOST_REDUCED:
@@ -132,12 +132,12 @@ class _Recipe:
         self.key = hashlib.sha256(text.encode()).hexdigest()[:32]
 
     def compute(self) -> Reference:
-        """By the series; where they lead nowhere by the collocations."""
+        """The reference by the series; where they fail by the collocations."""
         (pair,) = pairs.solve([self.model], [self.start], self.times, self.text)
         return self.collocations() if pair is None else from_pair(pair, self.times)
 
     def collocations(self, max_seconds: float | None = None) -> Reference:
-        """By the slower way, which takes stiff equations, too."""
+        """The reference by the collocations, which are slower and take stiff equations."""
         safety = KINKED if "abs(" in self.text else SAFETY
         return compute(
             Field(self.model), self.start, self.times, max_seconds=DEADLINE if max_seconds is None else max_seconds,
@@ -146,7 +146,7 @@ class _Recipe:
 
 
 def from_pair(pair: pairs.Pair, times: Sequence[float]) -> Reference:
-    """The floor is what rounding its start takes from a run in doubles, and the last digit of the states."""
+    """The `Reference` of a pair; its floor adds the growth of the start's rounding, or the last digit of the states."""
     floor = pair.certificate + HALF_ULP * np.maximum(1.0, pair.growth)
     return Reference(tuple(times), pair.states, tuple(pair.certificate.tolist()), tuple(floor.tolist()), pairs.SOURCE)
 

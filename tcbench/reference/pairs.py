@@ -1,9 +1,9 @@
 """References by two Taylor series in double-double arithmetic, of many scenarios at once: state, certificate and floor.
 
 Each scenario is run three times from the same doubles: finely, a hundred times more coarsely, and coarsely from a start
-that is moved a little. Four times the gap of the first two is the certificate of the first, which is far more accurate
-than that; the third tells how much the solution magnifies an error, above all what rounding takes from any run in
-doubles (the floor). What the runs share, the recurrences, is compared with the compiled equations as they go.
+that is shifted a little. Four times the gap of the first two is the certificate of the first, which is far better than
+that; the third shows how the solution magnifies errors, such as the rounding of any run in doubles (the floor).
+The recurrences, which all share, are compared with the compiled equations on the way.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .double_double import two_sum
 from .tape import FIELDS, LANES, PAIR, tape
 from .taylor import LIBRARY, Work
 
-ORDER, WIDE = 40, 22  # of the series; orders up to which coefficients are double-doubles
+ORDER, WIDE = 40, 22  # of the series; orders below which coefficients are double-doubles
 FINE, COARSE = 1e-26, 1e-24  # tolerances of the two series that are compared
 SAFETY = 4.0  # of the certificate, over the gap of the two
 SHIFT = 1e-20  # relative shift of the start of the third run: it shows a growth of up to 1e16
@@ -43,17 +43,17 @@ class Pair(NamedTuple):
     """
 
     states: NDArray[np.float64]
-    low: NDArray[np.float64]  # what rounding took from the states
+    low: NDArray[np.float64]  # low parts of the states
     certificate: NDArray[np.float64]
     growth: NDArray[np.float64]
     steps: int
 
 
 def solve(systems: Sequence[System], starts: Sequence[Any], times: Any, text: str = "") -> list[Pair | None]:
-    """Of scenarios with their own times, shape (scenarios, m), or the same for all; None where this way leads nowhere
-    (too stiff, too large, no series, blown up). Those of one structure go side by side.
+    """The `Pair` of each scenario, None where the series fail: too stiff, too large, no series, a blow-up.
 
-    text : of the vector field of all of them, where it is known.
+    starts : shape (scenarios, n). times : shape (scenarios, m), or (m,) for all. text : of the vector field of all,
+    where it is known. Systems of one structure run side by side.
     """
     ends = np.broadcast_to(np.asarray(times, float), (len(systems), np.shape(times)[-1]))
     groups: dict[Any, list[int]] = {}
@@ -110,7 +110,7 @@ def _solve(
 
 
 def memory(size: int) -> NDArray[np.float64]:
-    """For vectors, which must not lie across two lines of a cache; with 1/k for each k at its end."""
+    """A workspace of `size` doubles, aligned to cache lines for vectors, with 1/k for each order k at its end."""
     room = np.zeros(size + LANES)
     first = -room.ctypes.data // 8 % LANES
     workspace = room[first : first + size]
@@ -122,7 +122,7 @@ def memory(size: int) -> NDArray[np.float64]:
 
 
 def _pair(states: NDArray[np.float64], steps: int, magnitudes: NDArray[np.float64]) -> Pair:
-    """found: (run, time, high or low part, number)."""
+    """The `Pair` of the states of three runs, shape (run, time, high or low part, n). magnitudes : shape (n,)."""
     fine, coarse, shifted = states
     size = np.maximum(magnitudes, np.abs(fine[:, 0]))
     gap = np.max(np.abs(difference(fine, coarse)) / size, axis=1)

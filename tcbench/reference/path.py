@@ -1,6 +1,6 @@
-"""The exact motion as a course, to compare runs with at any time: SciPy's LSODA at a tight tolerance.
+"""The exact motion at any time, to compare runs with: SciPy's LSODA at a tight tolerance.
 
-Its states are not certified, as those of `lookup` are: they tell errors of 1e-8 and more, and where a quantity goes.
+Its states are not certified as those of `lookup` are: they show errors of 1e-8 and more, and ranges of quantities.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ class Path:
         return np.asarray(self.terms[k] @ powers)
 
     def ranges(self, t: float) -> tuple[Floats, Floats]:
-        """Least and largest of each temperature and measure up to a time."""
+        """Lowest and highest value, (watched,) each, of each temperature and measure up to a time."""
         k = min(int(np.searchsorted(self.times, t)), len(self.times) - 1)
         return self.lowest[k], self.highest[k]
 
 
 def watched(model: System, z: Floats) -> Floats:
-    """Temperatures, and what must stay positive beside them, of one state or several."""
+    """Temperatures and measures of one state (n,) or several (m, n), shape (watched,) or (m, watched)."""
     return np.concatenate([np.asarray(model.temperatures(z)), np.asarray(model.shapes(z))], axis=-1)
 
 
 def path_of(scenario: Scenario, t_end: float) -> Path | None:
-    """The course from the start of a scenario up to a time, or as far as the solver comes; None of large systems."""
+    """The motion from a scenario's start up to t_end, or as far as the solver comes; None of large systems."""
     model = scenario.model
     if model.size > DENSE or model.multipliers:
         return None

@@ -45,6 +45,6 @@ def lagrange(nodes: Longs, x: ArrayLike) -> Longs:
 
 
 def integrals(nodes: Longs, x: Longs) -> Longs:
-    """Of these polynomials from 0 to x (m,), shape (m, s): at the nodes a collocation's matrix."""
+    """The integrals of these polynomials from 0 to x (m,), shape (m, s): at the nodes a collocation's matrix."""
     inner, weights = gauss(len(nodes))
     return np.array([end * (weights @ lagrange(nodes, end * inner)) for end in x])

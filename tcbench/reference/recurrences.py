@@ -27,7 +27,7 @@ def keep(w: Floats, at: int, h: Eight, l: Eight) -> None:
 
 @exact
 def product(w: Floats, a: int, b: int, s: Eight, e: Eight) -> tuple[Eight, Eight]:
-    """s + e and the product of the coefficients at a and b."""
+    """s + e + the product of the coefficients at a and b, as a double-double."""
     x, y = row(w, a, 8), row(w, b, 8)
     p, r = two_product(x, y)
     r = r + (x * row(w, b + LANES, 8) + row(w, a + LANES, 8) * y)
@@ -37,7 +37,7 @@ def product(w: Floats, a: int, b: int, s: Eight, e: Eight) -> tuple[Eight, Eight
 
 @exact
 def products(w: Floats, a: int, b: int, count: int) -> tuple[Eight, Eight]:
-    """The sum of `count` products: of coefficients from a on with those from b back."""
+    """The sum of `count` products w[a + i] w[b - i] of coefficients, as a double-double."""
     s, e, t, f = eight(0.0), eight(0.0), eight(0.0), eight(0.0)
     pairs = count // 2
     for i in range(pairs):
@@ -51,7 +51,7 @@ def products(w: Floats, a: int, b: int, count: int) -> tuple[Eight, Eight]:
 
 @exact
 def high_products(w: Floats, a: int, b: int, count: int) -> tuple[Eight, Eight]:
-    """The same of high parts; the low part is 0."""
+    """`products` of high parts; the low part is 0."""
     s, t = eight(0.0), eight(0.0)
     fours = count // 4
     for i in range(fours):
@@ -76,7 +76,7 @@ def high_mul(x: Eight, xl: Eight, y: Eight, yl: Eight) -> tuple[Eight, Eight]:
 
 @exact
 def begin(ops: Ints, count: int, w: Floats) -> None:
-    """Coefficient 0 of every result, and of constants the value."""
+    """Compute coefficient 0 of every result, and the values of constants."""
     for i in range(count):
         op, at, a, b, own = ops[5 * i], ops[5 * i + 1], ops[5 * i + 2], ops[5 * i + 3], ops[5 * i + 4]
         xh, xl, yh, yl = row(w, a, 8), row(w, a + LANES, 8), row(w, b, 8), row(w, b + LANES, 8)
@@ -119,7 +119,7 @@ def begin(ops: Ints, count: int, w: Floats) -> None:
 
 
 def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..., None]:
-    """The recurrences for one order, in this arithmetic."""
+    """The recurrences of one order, in the arithmetic of these operations."""
 
     @exact
     def times(w: Floats, at: int, h: Eight, l: Eight) -> tuple[Eight, Eight]:
@@ -132,7 +132,7 @@ def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..
 
     @exact
     def squares(w: Floats, y: int, k: int, first: int) -> tuple[Eight, Eight]:
-        """The coefficient k of the square of y; first 1: without the two products that have coefficient k itself."""
+        """Coefficient k of the square of y; first = 1 leaves out the two products with coefficient k itself."""
         half = (k + 1) // 2
         h, l = products(w, y + PAIR * first, y + PAIR * (k - first), half - first)
         h, l = h + h, l + l
@@ -144,7 +144,7 @@ def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..
 
     @exact
     def order(ops: Ints, count: int, w: Floats, k: int, inverse: int) -> None:
-        """Coefficient k > 0 of every result. inverse: where 1/k stands."""
+        """Compute coefficient k > 0 of every result. inverse : the place of 1/k."""
         to, before = PAIR * k, PAIR * (k - 1)
         for i in range(count):
             op, at, a, b, own = ops[5 * i], ops[5 * i + 1], ops[5 * i + 2], ops[5 * i + 3], ops[5 * i + 4]
@@ -159,7 +159,7 @@ def order_by(products: Operation, add: Operation, mul: Operation) -> Callable[..
                 h, l = -xh, -xl
             elif op == SCALE:
                 h, l = times(w, b, xh, xl)
-            elif op == ABS:  # the sign of what begins at 0 is that of its first coefficient
+            elif op == ABS:  # at 0 the sign is that of the first coefficient
                 sign = row(w, own, 8)
                 sign = sign + (1.0 - sign * sign) * signs(xh)
                 keep(w, own, sign, eight(0.0))

@@ -1,7 +1,7 @@
-"""A system's equations as a tape: operations on Taylor series, one after the other, for `taylor` to go through.
+"""A system's equations as a tape: a list of operations on Taylor series, which `taylor` executes.
 
-The straight-line text of the vector field is run once on `Node`s, which write down what is done to them. A quotient is
-one operation, constants and what is made of them are computed once a scenario, and what nothing uses is left out.
+The straight-line text of the vector field runs once on `Node`s, which record operations. A quotient is one operation,
+expressions of constants are computed once a scenario, and unused ones are left out.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ LANES, PAIR = 8, 16  # scenarios side by side; doubles of one coefficient: eight
 OPERATIONS = ("add", "add_static", "sub", "neg", "mul", "square", "scale", "div", "recip", "sqrt", "exp", "log",
               "slope", "cos_sin", "atan", "abs", "second")  # fmt: skip
 CODE = {name: i for i, name in enumerate(OPERATIONS)}
-FIELDS = 5  # of an operation: what it does, where its result stands, two operands, and room of its own
-SERIES_ROOM, NUMBER_ROOM = ("log", "cos_sin", "atan"), ("div", "sqrt", "log", "atan", "abs")  # what they keep beside
+FIELDS = 5  # of an operation: code, place of the result, two operands, room of its own
+SERIES_ROOM, NUMBER_ROOM = (
+    ("log", "cos_sin", "atan"),
+    ("div", "sqrt", "log", "atan", "abs"),
+)  # operations with room of their own
 
 
 def _lifted(node: Node, other: Any) -> Node:
@@ -35,7 +38,7 @@ def _quotient(a: Node, b: Node) -> Node:
 
 
 def _over_size(x: Node) -> bool:
-    """Whether this is a multiple of 1/|u|: u/|u| is one quotient, a sign; u times 1/|u| loses all digits near 0."""
+    """Is x a multiple of 1/|u|? u/|u| has to be one quotient, a sign: u times 1/|u| loses all digits near 0."""
     while x.op == "scale":
         x = x.args[0]
     return x.op == "recip" and "abs" in (x.args[0].op, *(a.op for a in x.args[0].args))
@@ -58,7 +61,7 @@ class Node:
 
 
 class _Recorder:
-    """Nodes in the order in which they were made; equal ones are one."""
+    """Nodes in the order of creation; equal ones are one object."""
 
     def __init__(self) -> None:
         self.nodes: dict[Any, Node] = {}
@@ -103,7 +106,7 @@ class _Recorder:
         return both, self.make("second", both)
 
     def functions(self) -> dict[str, Callable[..., Any]]:
-        """The elementary functions, of those that have a series, and |x|, which has one on either side of its kink."""
+        """The elementary functions with a series, and |x|, which has one on either side of its kink."""
         one = self.lifted(1.0)
 
         def exp(x: Node) -> Node:
@@ -148,13 +151,13 @@ class Tape:
         return CODE["abs"] in self.code[::FIELDS]
 
     def values(self, constants: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the inputs are where the system's constants are these."""
+        """The values of the inputs for these constants of the system."""
         return np.where(self.given >= 0, np.asarray(constants)[np.maximum(self.given, 0)], self.literals)
 
 
 @lru_cache(maxsize=32)
 def tape(text: str, variables: int, constants: int, order: int) -> Tape:
-    """Of a kernel's text (`System.formula`) with so many variables and constants, for series up to this order.
+    """The tape of a kernel's text (`System.formula`) with `variables` variables, for series up to `order`.
 
     TcbenchError where it uses a function that has no series.
     """

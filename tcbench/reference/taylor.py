@@ -15,20 +15,20 @@ from .double_double import EXPONENT, INVERSE_LN2, LN2, ROUND, add, eight, mul, p
 from .recurrences import ABS, SQRT, begin, high_order, keep, wide_order
 from .tape import FIELDS, LANES, PAIR
 
-INSIDE = 0.618  # of a step: where the series are compared with the equations
+INSIDE = 0.618  # part of a step at which the series are compared with the equations
 LONG = 4096.0  # t_end beyond which the unit of time is scaled
 SHORTEST = 1e-13
-CHECKED = 8  # every so many steps of a run
-SHORTEST_LOOK = 2.0**-14  # of a step: a series that dips below 0 for less is not seen
-# Parts of the way to a turn: a step ends so long before it, where it is seen with all digits; the next so far behind.
+CHECKED = 8  # steps of a run between two such comparisons
+SHORTEST_LOOK = 2.0**-14  # of a step: shorter dips of a series below 0 are not seen
+# Parts of the way to a turn: a step ends BEFORE it, where it is seen with all digits; the next one BEHIND it.
 BEFORE, BEHIND = 2.0**-43, 2.0**-46
-FURTHER = 2.0**-94  # of the time; twice as far after each short step
+FURTHER = 2.0**-94  # of the time, beyond BEHIND; twice as far after each short step
 APPROACHES, LANDS = 1.0, 2.0
-HELD = 100  # short steps in a row: several numbers may turn at once, and series reach no further than the last turn
+HELD = 100  # short steps in a row at most: several numbers may turn at once, and series end at the last turn
 
 
 class Work(Record):
-    """Memory of a batch of runs. `memory` has what the tape says, then 1/k for each k, as pairs of vectors."""
+    """Memory of a batch of runs. `memory` has the tape's coefficients, then 1/k for each k, as pairs of vectors."""
 
     order: int
     wide: int
@@ -48,27 +48,25 @@ class Work(Record):
     rates: Ints = sized("variables")
     moving: Ints = sized("variables")
     places: Ints = sized("inputs")
-    values: Matrix = sized("runs", "inputs")  # of each run: constants of the tape,
-    given: Matrix = sized("runs", "constants")  # and of the compiled equations;
-    magnitudes: Matrix = sized("runs", "variables")  # sizes of their variables
+    values: Matrix = sized("runs", "inputs")  # constants of the tape, by run
+    given: Matrix = sized("runs", "constants")  # constants of the compiled equations
+    magnitudes: Matrix = sized("runs", "variables")  # of the variables, by run
     tolerances: Floats = sized("runs")
     times: Matrix = sized("runs", "ends")
-    states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # where it starts and at each time, high and low parts
-    taken: Ints = sized("runs")  # steps, negative where it did not arrive
+    states: Matrix = sized("runs", "(ends + 1) * 2 * variables")  # at the start and at each time, high and low parts
+    taken: Ints = sized("runs")  # steps; negative where the run did not arrive
     defects: Floats = sized("runs")  # largest departure from the compiled equations
-    run: Ints = sized("LANES")  # of each lane; -1: none
-    following: Ints = sized("LANES")  # its next time
-    state: Ints = sized("LANES")  # what becomes of it after this step: see `choose`
+    run: Ints = sized("LANES")  # run of each lane; -1: none
+    following: Ints = sized("LANES")  # number of its next time
+    state: Ints = sized("LANES")  # result of the step: see `choose`
     t: Floats = sized("LANES")
     t_low: Floats = sized("LANES")
     step: Floats = sized("LANES")
     step_low: Floats = sized("LANES")
     short: Floats = sized("LANES")  # short steps in a row
-    turn: Floats = sized("LANES")  # what its step does at a turn, and whether it has met one
+    turn: Floats = sized("LANES")  # APPROACHES or LANDS where the step ends at a turn
     turned: Floats = sized("LANES")
-    unit: Floats = sized(
-        "LANES"
-    )  # of time in its coefficients, a power of 2: those of a short series would be too large
+    unit: Floats = sized("LANES")  # of time in coefficients, a power of 2: those of short series would be too large
     probe: Floats = sized("3 * variables")  # a state, the slope of its series, what the compiled equations give
     slope: Floats = sized("variables", of="probe", at="variables")
     given_rate: Floats = sized("variables", of="probe", at="2 * variables")
@@ -79,7 +77,7 @@ class Work(Record):
 
 @exact
 def series(j: Work) -> None:
-    """All coefficients of all results, from coefficient 0 of the variables."""
+    """Compute all coefficients of all results, from coefficient 0 of the variables."""
     w, stride = j.memory, PAIR * (j.order + 1)
     inverse, unit = j.size - stride, row(j.unit, 0, 8)
     begin(j.code, j.steps // FIELDS, w)
@@ -104,7 +102,7 @@ def series(j: Work) -> None:
 
 @exact
 def rough_exp(x: float) -> float:
-    """e^x to a few ulp, of |x| < 600."""
+    """e^x to a few ulp for |x| < 600."""
     k = (x * INVERSE_LN2 + ROUND) - ROUND
     r, total = x - k * LN2, 1.0
     for i in range(16, 0, -1):
@@ -116,7 +114,7 @@ def rough_exp(x: float) -> float:
 def longest_step(j: Work, lane: int, run: int) -> float:
     """The step at which the last two coefficients, over magnitude + |y|, are at the tolerance; NaN where one is NaN.
 
-    Behind a turn many are 0 but for round-off, so all the high ones are looked at.
+    Behind a turn many are 0 but for round-off, so that all of high order count.
     """
     log_tolerance, low = rough_log(j.tolerances[run]), math.inf
     w, stride, sound = j.memory, PAIR * (j.order + 1), 0.0
@@ -132,7 +130,7 @@ def longest_step(j: Work, lane: int, run: int) -> float:
 
 @exact
 def load(j: Work, lane: int, run: int) -> None:
-    """A run begins in a lane."""
+    """Begin a run in a lane."""
     w, stride = j.memory, PAIR * (j.order + 1)
     j.run[lane], j.following[lane] = run, 0
     for i in range(j.inputs):
@@ -145,7 +143,7 @@ def load(j: Work, lane: int, run: int) -> None:
 
 @exact
 def value_at(j: Work, at: int, s: float) -> float:
-    """Of the series at this place."""
+    """The value at s of the series whose coefficients begin at `at`."""
     value: float = j.memory[at + PAIR * j.order]
     for k in range(j.order - 1, -1, -1):
         value = value * s + j.memory[at + PAIR * k]
@@ -154,9 +152,9 @@ def value_at(j: Work, at: int, s: float) -> float:
 
 @exact
 def first_zero(j: Work, at: int, h: float) -> float:
-    """Where a series that begins above 0 is 0 or less for the first time within h, to all digits; else h.
+    """The first zero within h, to all digits, of a series that begins above 0; h where there is none.
 
-    On its way it goes as far as it must remain above 0, by its slope and a bound of its curvature.
+    Each iteration goes as far as the series must remain above 0, by its slope and a bound of its curvature.
     """
     w, moved, bent = j.memory, 0.0, 0.0
     for k in range(j.order, 0, -1):
@@ -166,7 +164,7 @@ def first_zero(j: Work, at: int, h: float) -> float:
     if moved < w[at] or moved == 0.0:
         return h
     low, high, value = 0.0, 0.0, w[at]
-    if value == 0.0:  # it begins there
+    if value == 0.0:  # at the start
         high = BEHIND * h
         value = value_at(j, at, high)
     while high < h and value > 0.0:
@@ -191,10 +189,10 @@ def first_zero(j: Work, at: int, h: float) -> float:
 
 @exact
 def to_turn(j: Work, lane: int, h: float) -> float:
-    """The step, or the way to where |x| comes to 0 and turns, first to just before it, then to just behind.
+    """The step, shortened to just before the point where |x| comes to 0 and turns, and the next one to just behind it.
 
-    Its series goes on below 0, and so does that of a root of squares; both runs may agree on what is no solution. Of a
-    root 0 is returned: so near a branch point its series has no digits.
+    The series of |x| goes on below 0, and so does that of a root of squares: both runs could agree on a wrong solution.
+    0 for a root: so near a branch point its series has no digits.
     """
     before = j.turn[lane]
     unit: float = j.unit[lane]
@@ -213,14 +211,14 @@ def to_turn(j: Work, lane: int, h: float) -> float:
     j.turn[lane] = LANDS if before == APPROACHES else APPROACHES
     if before != APPROACHES:
         return unit * first * (1.0 - BEFORE)
-    again = power_of_two(j.short[lane])  # where round-off hides on which side of a flat turn it was
+    again = power_of_two(j.short[lane])  # where round-off hides the side of a flat turn
     end: float = unit * first * (1.0 + BEHIND) + FURTHER * again * j.t[lane]
     return end
 
 
 @exact
 def next_unit(j: Work, lane: int) -> None:
-    """The unit of time for the next step of a lane."""
+    """Set the unit of time for the next step of a lane."""
     h, turn = j.step[lane], j.turn[lane]
     if turn > 0.0 or j.unit[lane] < 1.0:
         reach = h * BEFORE if turn == APPROACHES else h * BEHIND if turn == LANDS else max(h, j.unit[lane])
@@ -229,7 +227,7 @@ def next_unit(j: Work, lane: int) -> None:
 
 @exact
 def choose(j: Work, lane: int) -> None:
-    """The step of a lane, and what becomes of it then: 0 goes on, 1 has arrived at a time, 2 has failed, 3 is idle."""
+    """Choose the step of a lane and its state after it: 0 goes on, 1 has arrived at a time, 2 has failed, 3 is idle."""
     run = j.run[lane]
     j.step[lane] = j.step_low[lane] = 0.0
     if run < 0:
@@ -258,7 +256,7 @@ def choose(j: Work, lane: int) -> None:
 
 @exact
 def compare(j: Work, lane: int) -> None:
-    """Inside the step of a lane, the derivative of the series against the compiled equations, in doubles."""
+    """Compare the derivative of the series inside the step of a lane with the compiled equations, in doubles."""
     w, stride, n = j.memory, PAIR * (j.order + 1), j.variables
     run, unit, probe = j.run[lane], j.unit[lane], j.probe
     s = INSIDE * j.step[lane] / unit
@@ -280,7 +278,7 @@ def compare(j: Work, lane: int) -> None:
 
 @exact
 def advance(j: Work) -> None:
-    """The variables after the steps of all lanes, in their coefficients 0."""
+    """Set coefficients 0 of the variables to their values after the steps of all lanes."""
     w, stride = j.memory, PAIR * (j.order + 1)
     unit = row(j.unit, 0, 8)
     h, l = row(j.step, 0, 8) / unit, row(j.step_low, 0, 8) / unit
@@ -298,7 +296,7 @@ def advance(j: Work) -> None:
 
 @exact
 def arrive(j: Work, lane: int) -> bool:
-    """The time of a lane after its step; whether its run is over."""
+    """Advance the time of a lane by its step; is its run over?"""
     w, stride, n = j.memory, PAIR * (j.order + 1), j.variables
     run, at, state = j.run[lane], j.following[lane], j.state[lane]
     if state == 3:
@@ -325,10 +323,10 @@ def arrive(j: Work, lane: int) -> bool:
 
 @exact
 def march(j: Work) -> int:
-    """Every run to its last time; how many steps of eight lanes that took."""
+    """March every run to its last time; returns the number of steps of eight lanes."""
     following, steps = 0, 0
     for lane in range(LANES):
-        load(j, lane, min(lane, j.runs - 1))  # what is idle computes, too
+        load(j, lane, min(lane, j.runs - 1))  # idle lanes compute, too
         following += 1
         if lane >= j.runs:
             j.run[lane] = -1
@@ -340,7 +338,7 @@ def march(j: Work) -> int:
         steps += 1
         for lane in range(LANES):
             choose(j, lane)
-            short = j.short[lane] > 0.0  # what the state may miss is a large rate over such a step
+            short = j.short[lane] > 0.0  # an error of the state is a large rate over such a step
             if j.state[lane] < 2 and j.taken[j.run[lane]] % CHECKED == 1 and not short:
                 compare(j, lane)
         advance(j)

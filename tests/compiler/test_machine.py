@@ -43,7 +43,7 @@ def test_machine_code_is_kept_and_used_again(cache):
     machine._LOADED.clear()
     assert result() == [0.0, 0.0, 4.25] and len(made) == 1
     (path,) = folder.iterdir()
-    assert path.suffix == ".o" and files.unsealed(path.name, path.read_bytes())
+    assert path.suffix == ".o" and files.read("code", path.name)
 
 
 DAMAGE = {
