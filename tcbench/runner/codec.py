@@ -32,11 +32,7 @@ BIG = 5000  # rows of a table that Arrow writes as CSV, ten times as fast as pan
 
 def to_json(value: Any, packed: bool = False, option: int = 0) -> bytes:
     """The one writer of JSON. packed : long lists of numbers as one text each. TypeError for what is no JSON value."""
-    value = pack(value, LONG if packed else sys.maxsize)
-    try:
-        return orjson.dumps(value, option=option)
-    except TypeError:  # numbers beyond 64 bits; halves of surrogate pairs, which no file can hold
-        return orjson.dumps(_writable(value), option=option)
+    return orjson.dumps(pack(value, LONG if packed else sys.maxsize), option=option)
 
 
 def from_json(text: bytes) -> Any:
@@ -64,15 +60,22 @@ def plain(value: Any) -> Any:
 
 
 def pack(value: Any, long: int = LONG) -> Any:
-    """A value as JSON has it. long : lists of at least as many doubles become one text each."""
-    if value is None or type(value) in (str, int, bool):
+    """A value as JSON has it. long : lists of at least as many doubles become one text each.
+
+    Halves of surrogate pairs, which no file can hold, are spelt out; whole numbers beyond 64 bits become doubles.
+    """
+    if value is None or isinstance(value, bool):
         return value
+    if isinstance(value, str):
+        return str(value) if value.isascii() else value.encode("utf-8", "backslashreplace").decode()
+    if isinstance(value, int):
+        return value if -(2**63) <= value < 2**64 else pack(_rounded(value))
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else {PACKED: str(float(value))}
     if isinstance(value, Mapping):
         if PACKED in value:
-            return {PACKED: [[k, pack(v, long)] for k, v in value.items()]}
-        return {str(k): pack(v, long) for k, v in value.items()}
+            return {PACKED: [[pack(k), pack(v, long)] for k, v in value.items()]}
+        return {pack(str(k)): pack(v, long) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         if len(value) >= long and all(isinstance(v, float) for v in value):
             numbers = array("d", value)
@@ -80,7 +83,14 @@ def pack(value: Any, long: int = LONG) -> Any:
                 numbers.byteswap()
             return {PACKED: b64encode(numbers.tobytes()).decode()}
         return [pack(v, long) for v in value]
-    return str(value) if isinstance(value, str) else value if isinstance(value, int) else pack(plain(value), long)
+    return pack(plain(value), long)
+
+
+def _rounded(number: int) -> float:
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
 
 
 def unpack(value: Any) -> Any:
@@ -104,24 +114,6 @@ def unpack(value: Any) -> Any:
 def row_bytes(row: Mapping[str, Any]) -> bytes:
     """A row as JSON; TypeError for what is no JSON value."""
     return to_json(dict(row), packed=True)
-
-
-def _writable(value: Any) -> Any:
-    """A JSON value that orjson writes: lone surrogates spelt out, whole numbers beyond 64 bits as doubles."""
-    if isinstance(value, str):
-        return value.encode("utf-8", "backslashreplace").decode()
-    if isinstance(value, dict):
-        return {_writable(k): _writable(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_writable(v) for v in value]
-    return _rounded(value) if isinstance(value, int) and value.bit_length() > 63 else value
-
-
-def _rounded(number: int) -> Any:
-    try:
-        return float(number)
-    except OverflowError:
-        return {PACKED: "inf" if number > 0 else "-inf"}
 
 
 def encode_line(

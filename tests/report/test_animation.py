@@ -48,6 +48,7 @@ def test_springs_stand_where_the_masses_are_and_take_the_colours_of_their_temper
     assert np.array_equal(line.get_xdata(), times[: stage.rows[1][9] + 1]) and abs(values).max() < 1e-10
 
 
+@pytest.mark.thorough
 def test_an_html_page_is_one_file_without_a_network(runs, tmp_path):
     text = runs[1].animate(path=tmp_path / "movie.html", frames=2).read_text()
     assert text.count("iVBOR") == 2 and "http" not in text and "<script>" in text
@@ -55,6 +56,7 @@ def test_an_html_page_is_one_file_without_a_network(runs, tmp_path):
     assert text.startswith("<iframe srcdoc=") and text.count("iVBOR") == 1 and "http" not in text
 
 
+@pytest.mark.thorough
 def test_a_system_says_where_its_elements_are():
     run = tcbench.simulate("tc_monolithic", "gas_containers", t_end=3.0)
     place = segments(run.scenario.model, run.z[:, :1])
@@ -65,6 +67,7 @@ def test_a_system_says_where_its_elements_are():
     assert seen == [[run.z[stage.rows[0][3], 0], 0], [2, 0]]  # where a line begins, too, as on the page
 
 
+@pytest.mark.thorough
 def test_what_lines_only_begin_from_is_marked():
     """Of four point vortices joined to each other three had a dot."""
 

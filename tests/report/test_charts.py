@@ -176,7 +176,7 @@ def runs():
     return [tcbench.simulate(n, "stiff_spring", dt=0.15, t_end=6) for n in ("tc_monolithic", "midpoint_entropy")]
 
 
-@pytest.mark.parametrize("name", ["laws", "four_panel", "path"])
+@pytest.mark.parametrize("name", tiers(["laws", "four_panel", "path"], ["laws"]))
 def test_charts_of_runs_mark_where_a_run_failed(name, runs, tmp_path):
     figure = getattr(time_charts, name)(series.trajectories(runs))
     figure.savefig(tmp_path / "chart.png", dpi=40)
@@ -235,6 +235,7 @@ def test_plot_writes_pictures_of_runs_and_of_a_folder_and_says_what_is_wrong(run
     assert plot.plot("work-precision", folder, out, x="steps", **asked).read_text().count("entropies s") == 1
 
 
+@pytest.mark.thorough
 def test_a_method_need_not_be_in_every_table_to_be_drawn(tmp_path):
     baseline = Path(__file__).parents[2] / "results" / "baseline"  # its table of blow-ups has the midpoint rules only
     options = {"scenario": "long_term", "methods": ["tc_monolithic"]}
@@ -337,6 +338,7 @@ def test_a_picture_draws_those_in_their_colour_and_the_rest_in_grey(kind, many):
     assert OTHER.colour not in {line.get_color() for line in named.axes[0].lines}
 
 
+@pytest.mark.thorough
 def test_a_method_looks_the_same_in_every_chart_of_a_run():
     looks = plot.run_looks(TABLES)
     assert len({(one.colour, one.marker) for one in looks.values()}) == len(looks)

@@ -93,6 +93,7 @@ def test_every_kind_of_chart_fits_the_column_of_a_journal(kind):
     assert min(text.get_fontsize() for ax in figure.axes for text in [ax.xaxis.label, ax.yaxis.label]) >= 4
 
 
+@pytest.mark.thorough
 def test_the_users_own_settings_of_matplotlib_count(table):
     one = {"kind": "conservation", "data": table, "y": "energy_error_max"}
     with matplotlib.rc_context({"axes.grid": False, "font.size": 12.0, "axes.labelcolor": "red"}):
