@@ -1,9 +1,9 @@
 """`controlled[method=NAME]`: any one-step method with its step chosen by a tolerance, by step doubling.
 
-Each step is done once with h and once as two halves; their gap, over 2^p - 1, estimates the error of the halves. It is
+Each step is taken once with h and once as two halves; their gap, over 2^p - 1, estimates the error of the halves. It is
 held at the tolerance times the share of the step in the whole time, so that the errors of all steps add up to the
-tolerance. The result is that of the halves, that is, steps of the method itself, which keep the same laws. `tol=1e-6`
-fixes the tolerance, whatever is asked for. Source: Hairer, Norsett & Wanner, Solving ODEs I, II.4.
+tolerance. The halves are the result: steps of the method itself, which keep the same laws. `tol=1e-6` fixes the
+tolerance, whatever a run asks for. Source: Hairer, Norsett & Wanner, Solving ODEs I, II.4.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from .tc_gauss.memory import LONG
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, NOT_ZERO = 0.9, 0.2, 5.0, 1e-12, 1e-300
 GAP_ROUND_OFF = 4e-16  # relative gap of a component that says nothing of the method
-UNEVEN, ALIKE = 0.375, 32.0  # the first of two other parts, and round-offs by which these may differ from the halves
-LEAST_SHARE = 1e-3  # of the tolerance: what a step may miss, however short it is, where rates have kinks
-MOST_TURNS = 60  # steps in a row that meet a kink, before a run is given up: it sticks in one, or slides along it
+UNEVEN, ALIKE = 0.375, 32.0  # first of two uneven parts of a step, and their gap to the halves in units of round-off
+LEAST_SHARE = 1e-3  # of the tolerance that each step may use, however short, where rates have kinks
+MOST_TURNS = 60  # steps in a row that meet a kink before the run fails: it sticks in one, or slides along it
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
 
 
@@ -51,8 +51,8 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
 
 
 def kinks_in(system: Any):
-    """z -> (what changes its sign where the rates of a system have a kink, how fast each of them changes, the rates);
-    None where they have none."""
+    """z -> (numbers that change their sign where the rates have a kink, their rates, the rates (n,)); None without
+    kinks."""
     kernel = kinks_kernel(system.by_arrays if system.large else system.symbolic)
     if not kernel:
         return None
@@ -76,14 +76,15 @@ def kinks_kernel(symbolic: Any):
 
 
 def turns(before: Any, after: Any, h: float) -> list[float]:
-    """The parts of a time h after which a number that rates have a kink in changes its sign, or may: `march.turn`."""
+    """The parts of a time h after which a number with a kink of the rates changes, or may change, its sign."""
     return [s for s in map(turn, before[0], after[0], h * before[1], h * after[1]) if s >= 0.0]
 
 
 def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
-    """The largest jump of each rate at a kink in a step from z to z1, times its length h, shape (n,); None: the step
-    meets no kink. before, after: what `kinks` gives at both ends. These may lie on either side of a narrow window, so
-    the rates at the kink itself are compared with the slope of the cubic from end to end."""
+    """h times the largest jump of each rate at a kink in a step from z to z1, shape (n,); None without a kink.
+
+    before, after : `kinks` at both ends. These may lie on both sides of a narrow window, so the rates at the kink
+    itself are compared with the slope of the cubic from end to end."""
     d, p, q = z1 - z, h * before[2], h * after[2]
     second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
     gaps, size = [np.abs(q - p)], max(np.abs(before[0]).max(), np.abs(after[0]).max())
@@ -106,7 +107,7 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
 
 
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
-    """States at the times, and counts. Raises ArithmeticError where no step is short enough."""
+    """(states at the times, counts); ArithmeticError where no step is short enough."""
     order, whole, t = step.order, times[-1] - times[0], times[0]
     h, states, done, before, stuck = (rtol + atol) ** (1 / order) * max(1.0, whole / LONG), [z], 0, step.iterations, 0
     kinks, turned = kinks_in(step.system), 0
@@ -133,14 +134,14 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                     jumps = [x for x in (jump(kinks, *ends, tried / 2) for ends in halves) if x is not None]
                 kink = bool(jumps)
                 turned = turned + 1 if kink else 0
-                if kink:  # no method has its order there: rates change by this much
+                if kink:  # no method has its order there
                     error = max(error, float((np.max(jumps, axis=0) / (atol + rtol * size)).max()))
                 rounded = not kink and bool((gap <= digits).all())
             except ArithmeticError as failed:
                 error, why, rounded, kink = np.inf, str(failed), False, False
             proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + NOT_ZERO) ** (-1 / (2 if kink else order))))
             stuck = stuck + 1 if error > 1 and rounded else 0
-            # a step that was cut to end at an output says nothing against a longer one
+            # a step that ends at an output does not limit the next one
             h = proposed if error > 1 or tried >= h else max(h, proposed)
             if error <= 1:
                 z, t, done = twice, end if tried == left else t + tried, done + 2

@@ -4,8 +4,8 @@ z is a polynomial of degree k on the step. At Gauss nodes c_j, weights b_j, Lagr
 
     z'(c_j) = L(z_j) DE_j + M(z_j) DS_j,    DE_j = 1/b_j integral l_j grad E(z(x)) dx,    DS_j likewise:
 
-sum b_j DE_j . z'_j is E1 - E0, and every term of it is 0. The integrals are by Gauss's rule with POINTS points, so the
-energy is exact up to that, and not claimed; so is a nonlinear S. Gradients are projected in all coordinates, which
+sum b_j DE_j . z'_j is E1 - E0, and every term of it is 0. The integrals are by Gauss's rule with POINTS points: the
+energy is exact up to that, and not claimed; likewise a nonlinear S. Gradients are projected in all coordinates, which
 loses the angular momentum; tc_gauss, which projects stress and temperature only, keeps it.
 """
 

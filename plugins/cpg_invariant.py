@@ -1,8 +1,8 @@
-"""Continuous Petrov-Galerkin in time, moved onto the energy and every declared invariant: all laws at order 2k.
+"""Continuous Petrov-Galerkin in time, projected onto the energy and every declared invariant: all laws at order 2k.
 
-A step of `cpg` with k stages ends in z~: S has not fallen, E and each J are missed by O(h^(2k+1)). z~ is then moved as
-in `tc_invariant`, along discrete gradients, onto the energy and the invariants, with the entropy that z~ has. What is
-moved is as small as what was missed, so that the order stays 2k. Andrews and Farrell keep as many laws by auxiliary
+A step of `cpg` with k stages ends in z~: S has not fallen, E and each J have errors O(h^(2k+1)). z~ is then moved as in
+`tc_invariant`, along discrete gradients, onto the energy and the invariants, with the entropy of z~. The move is as
+small as these errors, so that the order stays 2k. Andrews and Farrell keep as many laws by auxiliary
 variables inside the step; here the equations of a step and those of the laws are solved one after the other.
 """
 
@@ -14,7 +14,7 @@ from .tc_invariant import projection
 
 
 def every_invariant(system):
-    return (independent_invariants(system),)  # the energy is missed where there is none, too
+    return (independent_invariants(system),)  # without invariants the energy is corrected all the same
 
 
 def cpg_invariant(k="2"):

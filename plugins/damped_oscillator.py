@@ -1,6 +1,6 @@
 """A pendulum whose friction heats a bath of constant temperature: E = p^2/(2 m) - k cos q + T s, S = s.
 
-And the same on a linear spring, `linear_oscillator`, U = k q^2/2, a family of its own: it is run where it is named.
+`linear_oscillator` is the same on a linear spring, U = k q^2/2: a family, which runs only where it is named.
 """
 
 import numpy as np

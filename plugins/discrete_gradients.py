@@ -1,9 +1,9 @@
 """The paper's monolithic method with other discrete gradients.
 
-DE . (z1 - z0) = E(z1) - E(z0) with other slopes, in coordinates in which momenta are kept. For elements these are
-(pi, s) of each; the positions enter through the gradient of the strain measure at the midpoint, exact for quadratic
-ones. For other systems they are the parts y of E, and of S, that are at most quadratic: E = F(y(z)), with slopes of F
-and grad y at the midpoint, which is exact.
+They have DE . (z1 - z0) = E(z1) - E(z0) with other slopes, in coordinates that keep momenta. For elements these are
+(pi, s) of each; positions enter through the gradient of the strain measure at the midpoint, exact for quadratic ones.
+For other systems they are the parts y of E, and of S, that are at most quadratic: E = F(y(z)), with slopes of F and
+grad y at the midpoint, which is exact.
 
 tc_gonzalez: midpoint slopes with projection. tc_itoh_abe: one ordering, order 1. tc_averaged: the mean of that and of
 the reverse, of order 2; of springs it is the paper's (31)-(32), and so tc_monolithic.
@@ -61,8 +61,8 @@ def averaged(system: ElementSystem, z0: Any, z1: Any) -> State:
 def gonzalez(system: ElementSystem, z0: Any, z1: Any) -> State:
     """Slopes at the midpoint, projected onto the directionality property (Gonzalez 1996) element by element.
 
-    The distance in (pi, s) is (dpi/pi)^2 + (ds/scale)^2. What the projection adds is a difference of slopes, never of
-    energies: E1 - E0 is already the sum of the symmetrised quotients times the increments.
+    The distance in (pi, s) is (dpi/pi)^2 + (ds/scale)^2. The projection adds a difference of slopes, never of energies:
+    E1 - E0 is the sum of the symmetrised quotients times the increments.
     """
 
     def slopes(pi0: Any, dpi: Any, s0: Any, ds: Any) -> tuple[Any, Any]:
@@ -90,12 +90,11 @@ def mean_value(system: ElementSystem, z0: Any, z1: Any, points: int = 5) -> Stat
     return by_elements(system, z0, z1, slopes)
 
 
-# ---- the same of any system: F, where y starts, and its increments -> the slopes of F
+# ---- for any system: F, y at the start, its increments -> slopes of F
 
 
 def cut_itoh_abe(F: Cut, start: list[Symbol], step: list[Symbol], turn: int = 1) -> list[Symbol]:
-    """One coordinate after the other, in the order in which the energy is written (turn = -1: in the reverse); on
-    arrays an array is one."""
+    """One coordinate after the other, in the order of the energy's formula, reversed for turn = -1; an array is one."""
     here, slopes, still = [*start], [const(0.0)] * len(step), [const(0.0)] * len(step)
     for k in range(len(step))[::turn]:
         slopes[k] = F.outer_discrete(here, [*still[:k], step[k], *still[k + 1 :]])[k]
@@ -109,7 +108,7 @@ def cut_averaged(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol
 
 
 def cut_gonzalez(F: Cut, start: list[Symbol], step: list[Symbol]) -> list[Symbol]:
-    """What is missing goes where F is not linear; the distance is sum dy^2/(1 + y^2)."""
+    """The defect is distributed where F is not linear; the distance is sum dy^2/(1 + y^2)."""
     middle = [y + 0.5 * d for y, d in zip(start, step, strict=True)]
     slopes, exact = F.outer_slopes(middle), F.outer_discrete(start, step)
     weights = [const(0.0) if m.op == "const" else 1.0 / (1.0 + y * y) for m, y in zip(slopes, middle, strict=True)]

@@ -15,7 +15,7 @@ from .tc_staggered import reversible
 
 
 def conduct(z0, z1, h, system):
-    """Positions and momenta frozen, exactly."""
+    """The exact flow of conduction at fixed positions and momenta."""
     increments, _ = system.conduction_flow(system.temperatures(z0), h)
     return z1 - z0 - np.concatenate([0 * z0.q, 0 * z0.p, increments])
 

@@ -6,9 +6,9 @@ The step ends in z~ = z0 + h sum b_i f_i, f_i = f(Y_i), and misses both laws by 
     E(z1) = E(z0),   S(z1) = S(z0) + h sum b_i grad S(Y_i) . f_i,
 
 the energy is exact, and the entropy grows by its own quadrature, each term of which is grad S . M grad S >= 0, so that
-it never falls. Of all such weights those of the shortest move are taken, along the parts of grad E and grad S that the
-stages span. Further invariants are kept as well as the method keeps them: where
-the stages are nearly parallel, as at small steps, they do not span the slopes of more laws.
+it never falls. The weights are those of the shortest move, along the parts of grad E and grad S that the stages span.
+Other invariants are not corrected: at small steps the stages are nearly parallel and do not span the slopes of more
+laws.
 """
 
 from tcbench import Flow, Integrator, family, hookimpl
@@ -17,9 +17,9 @@ from tcbench.solver.mending import Along, product
 
 from .relaxation import TABLEAUX
 
-DEPENDENT = 1e-10  # of a rate, its part that is free of those before: round-off
-NOT_ZERO = 1e-300  # beside squares that may be 0, of rates
-AT_REST = 1e-10  # of the square of DS, its part free of DE: less is damped
+DEPENDENT = 1e-10  # part of a rate that is free of earlier ones, below which it is round-off
+NOT_ZERO = 1e-300  # added to squares of rates, which may be 0
+AT_REST = 1e-10  # part of |DS|^2 that is free of DE, below which corrections along it are damped
 MAX_SLOPES = 10  # corrections of a step, each with new slopes
 
 
@@ -35,8 +35,7 @@ def stages(order, z0, h, system):
 
 
 def orthogonal(system, rates, units):
-    """Orthogonal directions of the same span as the rates, (s, n), in units squared; of what is made of those before
-    it nothing is left."""
+    """Orthogonal directions (s, n) with the span of the rates, in the metric of `units`; dependent ones become 0."""
     basis = []
     for f in rates:
         rest = f
@@ -57,7 +56,7 @@ def runge_kutta(order):
 
 def weighed_anew(order):
     def corrections(z0, z1, h, system, start, first, moved):
-        """Of z1, towards the energy of the run and the entropy that the stages produce, along what they span."""
+        """The correction of z1, (n,), to the energy of the run and the entropy that the stages produce."""
         states, rates, b = stages(order, start, h, system)
         directions = orthogonal(system, rates, system.magnitudes_of(start) ** 2)
 
@@ -71,8 +70,8 @@ def weighed_anew(order):
         )
         along = Along(system, [system.gradient(z0), system.entropy_gradient(z0)], combined, AT_REST)
         wanted = system.energy(first), system.entropy(start) + produced
-        found = along.before([system.energy(z1), system.entropy(z1)], moved)
-        return moved - along.move([target - f for target, f in zip(wanted, found, strict=True)])
+        values = along.before([system.energy(z1), system.entropy(z1)], moved)
+        return moved - along.move([target - f for target, f in zip(wanted, values, strict=True)])
 
     return corrections
 

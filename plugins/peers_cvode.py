@@ -35,7 +35,7 @@ def cvode(system, z0, t_eval, rtol, atol):
 
     field = Field(system)
     span = float(abs(t_eval[-1]))
-    # of a pattern beside a Jacobian: that this is taken, and no differences; in a block it would be of all threads
+    # a warning that the Jacobian is used beside its pattern; a block of `catch_warnings` would be of all threads
     warnings.filterwarnings("ignore", "Custom sparse Jacobian", module="sksundae")
     solver = CVODE(
         field.into, **jacobian(field, system, z0), rtol=rtol, atol=system.absolute(atol), max_num_steps=10_000_000,

@@ -6,16 +6,16 @@ from tcbench import Integrator, hookimpl
 from tcbench.compiler import ops
 from tcbench.systems.right_hand_side import expressions
 
-LIMIT = 200  # numbers of a state: heyoka takes seconds to compile the formulas of so many, minutes for more
-_FREE = {}  # integrators that no run has, by kind of system and tolerance: heyoka takes a second to make one
+LIMIT = 200  # length of a state: heyoka compiles its formulas in seconds, longer ones in minutes
+_FREE = {}  # free integrators by kind of system and tolerance: heyoka takes a second to make one
 
 
 def compiled(system, tolerance, own):
-    """An integrator for this kind of system and tolerance; constants are its run-time parameters. It has one scale for
-    all numbers: unless the units are the scenario's own, each is over its magnitude."""
+    """An integrator for this kind of system and tolerance; constants are run-time parameters. It has one scale for all
+    numbers: where magnitudes differ from 1, each number is divided by its own."""
     import heyoka as hy
 
-    unknown = [hy.make_vars(f"x{i}") for i in range(system.size)]  # of one name alone it makes no list
+    unknown = [hy.make_vars(f"x{i}") for i in range(system.size)]  # a single name would not give a list
     constants = [hy.par[i] for i in range(len(system.constant_values))]
     functions = {name: getattr(hy, name) for name in ops.functions() if hasattr(hy, name)} | {"pow": pow}
     sizes = constants[len(constants) - len(system.magnitudes) :]
@@ -30,8 +30,8 @@ def compiled(system, tolerance, own):
 def refuses(system):
     n = system.size
     if n > LIMIT:
-        told = f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {LIMIT}"
-        return f"{told}: take tc_taylor"
+        reason = f"heyoka compiles a formula for each of the {n} numbers of {system.name}, at most {LIMIT}"
+        return f"{reason}: take tc_taylor"
     kinked = "abs(" in system.formula("vector_field")[0]
     return f"the rates of {system.name} use abs, which heyoka does not have: take tc_taylor" if kinked else ""
 
@@ -50,7 +50,7 @@ def heyoka(system, z0, t_eval, rtol, atol):
 
 
 def outputs(solver, system, z0, t_eval, each):
-    """States at these times and what they cost; all that the solver had before is set anew."""
+    """(states at the times, counts); the solver is reset."""
     solver.state[:] = z0 if each is None else z0 / each
     solver.pars[:] = system.constant_values[: len(solver.pars)]
     solver.time = float(t_eval[0])

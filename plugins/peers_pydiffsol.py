@@ -1,6 +1,6 @@
 """pydiffsol: implicit solvers in Rust (diffsol), the formulas of the system in their language, compiled by LLVM.
 
-Jacobians are by automatic differentiation of what was compiled, so Python is in no step.
+Jacobians are by automatic differentiation of the compiled code: no step calls Python.
 """
 
 import re
@@ -12,16 +12,16 @@ from tcbench.compiler.ops import rewritten
 
 SOLVERS = ("bdf", "esdirk34", "tr_bdf2")  # the first is the default
 FIRST_STEP = 1e-3  # of the tolerance's square root: the package's own, 1.0, lasts longer than a stiff start
-NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}  # of functions that their language calls otherwise
+NAMES = {"asin": "arcsin", "acos": "arccos", "atan": "arctan"}  # functions with another name in DiffSL
 KNOWN = (*NAMES, "exp", "log", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh", "abs", "pow")
 LIMIT = 200  # length of a state: their compiler takes 50 s and 1.6 GB for it, and 4 min and 6 GB for twice as much
-GIVEN_UP = "ODE solver error: "  # how a message of a solver that gives up begins
-_FREE = {}  # solvers that no run has, by kind of system: LLVM takes a second to make one
+GIVEN_UP = "ODE solver error: "  # beginning of a message of a solver that gives up
+_FREE = {}  # free solvers by kind of system: LLVM takes a second to make one
 
 
 def program(system, own):
-    """The formulas of the field in DiffSL: initial state and constants are inputs. One tolerance is for all numbers:
-    unless the units are the scenario's own, each is over its magnitude."""
+    """The formulas of the field in DiffSL; initial state and constants are inputs. One tolerance is for all numbers:
+    where magnitudes differ from 1, each number is divided by its own."""
     text, (size,) = system.formula("vector_field")
     count = len(system.constant_values)
     first = count - len(system.magnitudes)
@@ -47,8 +47,8 @@ def program(system, own):
 
 def refuses(system):
     n = system.size
-    told = f"pydiffsol compiles a formula for each of the {n} numbers of {system.name}, at most {LIMIT}: take cvode"
-    return told if n > LIMIT else ""
+    reason = f"pydiffsol compiles a formula for each of the {n} numbers of {system.name}, at most {LIMIT}: take cvode"
+    return reason if n > LIMIT else ""
 
 
 def pydiffsol(solver="bdf"):

@@ -30,7 +30,7 @@ def odeint(system, z0, t_eval, rtol, atol):
     return states, {"steps": int(info["nst"][-1]), "rhs_evaluations": field.evaluations}
 
 
-REASONS = {  # of Dormand and Prince's programs, by what they return
+REASONS = {  # of failures of Dormand and Prince's programs, by return code
     -1: "its input is not consistent", -2: "it needs more steps", -3: "its step became too small",
     -4: "the problem is probably stiff",
 }  # fmt: skip
@@ -40,7 +40,7 @@ def door_of_ode(name, stages):
     """Dormand and Prince's programs, called by `scipy.integrate.ode`; `stages` right-hand sides a step."""
 
     def begun(system, z0, t, rtol, atol):
-        """They take one atol for all numbers: each is over its magnitude where that is not 1."""
+        """A solver at the start. It takes one atol for all numbers: each is over its magnitude where that is not 1."""
         import scipy.integrate
 
         field, each = Field(system), system.unit_sizes
@@ -91,7 +91,7 @@ def door_of_solve_ivp(method):
         return {"jac": field.jacobian}
 
     def outputs(system, z0, t_eval, rtol, atol):
-        """What solve_ivp does, one state after the other."""
+        """The loop of solve_ivp, one state after the other."""
         import scipy.integrate
 
         field, counts = Field(system), {}
@@ -100,7 +100,7 @@ def door_of_solve_ivp(method):
             field.rate, start, z0, end, rtol=rtol, atol=system.absolute(atol), **extras(system, field)
         )
 
-        solver.fun = field.rate  # SciPy's own counts and checks what it returns
+        solver.fun = field.rate  # SciPy's wrapper counts and checks each call
 
         def states():
             yield z0

@@ -1,4 +1,4 @@
-"""Thermodynamic projection: any method, made to keep energy and invariants, with an entropy that never falls.
+"""Thermodynamic projection: any method keeps energy and invariants, and its entropy never falls.
 
 After each step (of an adaptive solver: at each output time) the result is moved to a nearby state with the energy and
 the invariants of the start of the run and no less entropy than before the step: along their gradients
@@ -42,9 +42,9 @@ from .exact_conduction import VERLET_HEAT4
 from .solver_kinks import stopped_at_kinks
 
 MAX_SLOPES = 20  # slopes in a step: one where little is missed, more of a stiff spring at a long step
-STILL = 1e-12  # of the square of a variable, as that of its share in a step where nothing moves
+STILL = 1e-12  # of the square of a variable: its weight in a correction where the step does not move it
 MOVED, LEAST = 1e3, 1e-11  # a correction may move an output by MOVED tolerances; smaller ones than LEAST count as LEAST
-ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
+ROUNDED = 1e-15  # fall of S, over its magnitude and size, that is not corrected: round-off
 
 
 def projected(method: Integrator, name: str = "projected") -> Integrator:
@@ -74,9 +74,9 @@ def projected(method: Integrator, name: str = "projected") -> Integrator:
 
 
 def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any, moved: Any) -> Any:
-    """What corrects z1, `moved` so far from the end of a step, towards the laws, along slopes at z0.
+    """The residual of the correction `moved` of a step's end, now z1, towards the laws, along slopes at z0.
 
-    The step began at `start`, the run at `first`.
+    The step began at `start`, the run at `first`; all (n,).
     """
     change = z0 - start
     weights = by_variable(system, change, change) + STILL * squares(system, z0)
@@ -84,23 +84,23 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any,
 
 
 def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any, moved: Any) -> Any:
-    """The same of a solver's output, the one before being `start`."""
+    """`projection` of a solver's output; `start` is the one before."""
     return towards(system, z0, z1, start, first, moved, squares(system, z0))
 
 
 def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, moved: Any, weights: Any) -> Any:
-    """To be taken from z1 for the laws of `first`, and the entropy of `start` at least, by the slopes at z0."""
+    """The correction (n,) of z1 to the laws of `first` and at least the entropy of `start`, by slopes at z0."""
     entropy, held = system.entropy(start), positions(system, z1)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.entropy_magnitude + abs(entropy))]
     slopes = [*position_slopes(system, z0), *gradients(system, z0)]
     along = Along(system, slopes, lambda slope: weights * slope)
-    found = along.before([*held, *laws(system, z1)], moved)
-    misses = [a - f for a, f in zip([*[0.0] * len(held), *wanted], found, strict=True)]
+    values = along.before([*held, *laws(system, z1)], moved)
+    misses = [a - f for a, f in zip([*[0.0] * len(held), *wanted], values, strict=True)]
     return moved - along.move(misses, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:
-    """Of the sizes of a state's variables, each at least its least one."""
+    """Squares of the sizes of a state's variables, at least of their magnitudes, shape (n,)."""
     least = system.magnitudes_of(z)
     return least * least + by_variable(system, z, z)
 
@@ -135,14 +135,14 @@ def _projected_step(step: Callable[..., Any], increments: bool) -> Callable[...,
 
 
 def _mended(states: Iterable[Any], system: System, z0: Any, tolerance: float) -> Iterator[Any]:
-    """What a user of a solver can do: its outputs are projected, its own steps are as they were between kinks."""
+    """The outputs of a solver, projected one by one; its own steps between kinks stay as they are."""
     first = last = np.asarray(z0, dtype=float)
     yield first
     for state in itertools.islice(states, 1, None):
         z = np.asarray(state, dtype=float)
         last = onto_laws(system, last, z, first, PROJECTION_OF_OUTPUT)
         if (np.abs(last - z) > MOVED * max(tolerance, LEAST) * (system.state_magnitudes + np.abs(z))).any():
-            last = np.nan * last  # what the laws miss is no error of the solver's, as where the energy jumps
+            last = np.nan * last  # the defect is no error of the solver, as where the energy jumps
         yield last
 
 
@@ -169,7 +169,7 @@ def project(method=VERLET_HEAT4.name):
 
 
 def methods(integrators):
-    """Those that a projection changes: not adaptive ones that keep the energy already, nor those for one system only.
+    """Methods that a projection changes: not adaptive ones that keep the energy, nor those for one system only.
     Formulas that keep the energy may lose an invariant that is not quadratic."""
     others = (
         n for n, i in integrators.items()

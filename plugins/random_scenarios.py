@@ -1,7 +1,7 @@
 """Random double pendulums, `random[seed=7]`: every constant over two to four decades, every initial value.
 
 Eight scenarios picked by hand prove little; the study `ensemble` runs hundreds of these (docs/ensembles.md). The seed
-gives the numbers, the same everywhere and for ever. A range may be written anew: `random[seed=7,stiffness=10:300]`.
+gives the numbers, the same everywhere and for ever. A range can be changed: `random[seed=7,stiffness=10:300]`.
 """
 
 from tcbench import Range, Scenario, ScenarioFamily, hookimpl
@@ -20,7 +20,7 @@ RANGES = {
     "coupling": Range(0, 1),
     "temperatures": Range(0.7, 1.4),  # over the reference temperature
     "lengths": Range(0.4, 2.5),  # over the natural ones
-    "momenta": Range(0.3, 3, log=True),  # what four normal numbers are multiplied by
+    "momenta": Range(0.3, 3, log=True),  # factor of four normal numbers
     "t_end": Range(25, 25),
 }
 REFERENCE_TEMPERATURE = 300.0

@@ -22,7 +22,7 @@ class Reaction(System):
         return z.u
 
     def entropy(self, z):
-        """Of mixing, and of heat: what is not bound, at u - binding . n = c n theta."""
+        """Entropy of mixing and of heat, the energy that is not bound: u - binding . n = c n theta."""
         n, c = z.n.sum(), self.heat_capacity
         return c * n * np.log((z.u - self.binding @ z.n) / (c * n)) - (z.n * np.log(z.n)).sum()
 

@@ -2,9 +2,9 @@
 
 A step of the underlying method from z0 over tau ends in z0 + tau d(tau). The relaxed one ends in z0 + gamma tau d(tau),
 with the gamma that keeps the energy, and stands for the time gamma tau (Ketcheson 2019), so the order stays. Here
-gamma tau is the step h that is asked for, and tau is found instead: E(z0 + h d(tau)) = E(z0), one scalar equation, by a
-fixed number of secant steps from tau = h. Where every tau will do, at rest or where all energy is heat, it stays h.
-Where there is no such tau, as beyond the stability of the underlying method, the step is not a number and the run ends.
+gamma tau is the step h that is asked for, and tau solves E(z0 + h d(tau)) = E(z0), one scalar equation, by a fixed
+number of secant steps from tau = h. Where every tau is a solution, at rest or where all energy is heat, it stays h.
+Where there is none, as beyond the stability of the underlying method, the step is NaN and the run ends.
 """
 
 import numpy as np
@@ -19,9 +19,9 @@ TABLEAUX = {  # Hairer, Norsett & Wanner, Solving ODEs I, II.1: Runge's, Kutta's
     4: ([[], [1 / 2], [0, 1 / 2], [0, 0, 1]], [1 / 6, 1 / 3, 1 / 3, 1 / 6]),
 }
 SECANTS = 6
-EPS = np.finfo(float).eps  # of the sizes of the energy's terms: differences as small say nothing of a slope
-UNSEEN = 1e3  # times them: where tau changes the energy by less, as where nothing works, every tau will do
-LEFT = 1e-12  # of the energy, over the size of the terms of its sum: beyond it there was no such tau
+EPS = np.finfo(float).eps  # round-off of the energy, over the size of its terms
+UNSEEN = 1e3  # units of round-off: where tau changes the energy by less, every tau is a solution
+LEFT = 1e-12  # residual of the energy, over the size of its terms, above which there was no tau
 NOT_ZERO = 1e-300  # added to a square by which is divided
 
 
@@ -39,8 +39,7 @@ def relaxed(order):
 
     def residual(z0, z1, h, system):
         def tried(tau):
-            """The direction at tau; what the energy gains, as DE . dz, which keeps its digits; the size of what that is
-            the sum of."""
+            """(direction at tau, gain of energy as DE . dz, which keeps its digits, sum of the sizes of its terms)."""
             d, size = direction(z0, tau, system)
             DE = system.discrete_gradient(z0, system.state(z0 + h * d))
             return d, DE @ (h * d), abs(DE) @ (h * size)

@@ -1,4 +1,4 @@
-"""Two gases beside a wall that rubs and conducts: friction heats both of them alike. Everything is dimensionless."""
+"""Two gases and a wall between them that rubs and conducts; friction heats both alike. Everything is dimensionless."""
 
 import numpy as np
 

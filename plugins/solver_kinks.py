@@ -1,7 +1,7 @@
-"""A solver of somebody else's, begun anew behind each kink of the rates, which its estimates do not see.
+"""Restarts a solver behind each kink of the rates, which its error estimates do not see.
 
-Between two states the numbers whose size the rates have, and their slopes, tell whether one of them changed its sign
-(`controlled.turns`). Then the time at which it did is found by solving up to it, and the solver begins there.
+Between two states the numbers inside |.| of the rates, and their slopes, show whether one has changed its sign
+(`controlled.turns`). The time of the change is then located by solving up to it, and the solver restarts there.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from tcbench.solver.foresight import NO_RATES
 
 from .controlled import kinks_in, turns
 
-LOOKS = 100  # places in a run, at least, between which kinks are looked for
-FIRST, GROW = 2, 2  # of these at once behind a kink, and so many times as many each time that none follows
-PARTS = 8  # of an interval with a kink, each looked at
-DEEP = 6  # parts of parts, in which one that turns before it changes its sign may do so
-FINER, FINEST = 8.0, 3e-14  # its tolerance, of which each piece may miss one, over this; the least that solvers take
+PLACES = 100  # in a run, at least, between which kinks are sought
+FIRST, GROW = 2, 2  # intervals in one call behind a kink, and the factor by which they grow while none follows
+PARTS = 8  # of an interval with a kink, each tested
+DEEP = 6  # levels of parts of parts, where a number turns before it changes its sign
+FINER, FINEST = 8.0, 3e-14  # factor of the solver's tolerance, for errors of pieces add up; the smallest that it takes
 MANY = 8  # kinks in one interval: a motion with more slides along one, or the errors that each adds are too many
 MOST_PARTS = 50  # intervals in an interval that are solved in parts, for the same reasons
-BEHIND = 1e-14  # a kink, over the time
+BEHIND = 1e-14  # distance of a restart from its kink, over the time
 
 
 def counted(answer: Any) -> tuple[Any, dict[str, int]]:
-    """States and counts of a solver, which may give the states alone."""
+    """(states, counts) of a solver's answer, which may be states alone."""
     return answer if isinstance(answer, tuple) else (answer, {})
 
 
@@ -37,8 +37,8 @@ def stopped_at_kinks(
     adaptive: Callable[..., Any], outputs: Callable[..., Any] | None, system: System, z0: Any, times: Any, rtol: float,
     atol: float,
 ) -> tuple[Iterable[Any], dict[str, int]]:  # fmt: skip
-    """(states at the times, counts, which are complete with the last state); as the solver gives them, one by one if it
-    can (`outputs`), where the rates have no kinks."""
+    """(states at the times, counts, which are complete with the last state). Without kinks the solver's own answer, one
+    state after the other where it can (`outputs`)."""
     kinks = kinks_in(system)
     if kinks is None:
         return counted((outputs or adaptive)(system, z0, times, rtol, atol))
@@ -47,7 +47,7 @@ def stopped_at_kinks(
 
 
 class Run:
-    """A solver on a system that has kinks."""
+    """A solver on a system with kinks."""
 
     def __init__(
         self, adaptive: Callable[..., Any], system: System, kinks: Callable[..., Any], rtol: float, atol: float
@@ -58,16 +58,16 @@ class Run:
         self.left = MOST_PARTS
 
     def solve(self, z: Any, times: Any) -> Any:
-        """States at the times behind the first, at which it is z."""
+        """States (m - 1, n) at the times (m,) behind the first, where the state is z (n,)."""
         states, counts = counted(self.adaptive(self.system, z, times, *self.tolerances))
         self.counts.update(counts)
         return np.asarray(states, dtype=float)[1:]
 
     def states(self, z: Any, times: Any) -> Iterator[Any]:
-        """At the times; looked at between more of them."""
+        """States at the times; kinks are sought between more of them."""
         yield z
         wanted = set(times.tolist())
-        grid = np.union1d(times, np.linspace(times[0], times[-1], LOOKS + 1))
+        grid = np.union1d(times, np.linspace(times[0], times[-1], PLACES + 1))
         here, many = 0, FIRST
         while here < len(grid) - 1:
             ahead, before = grid[here : here + many + 1], self.kinks(z)
@@ -86,7 +86,7 @@ class Run:
                 before = after
 
     def across(self, z: Any, t: float, end: float, deep: int = 0) -> Any:
-        """The state at the end of an interval, begun anew behind each kink in it."""
+        """The state at the end of an interval, with a restart behind each kink in it."""
         for _ in range(min(MANY, self.left)):
             self.left -= 1
             parts = np.linspace(t, end, PARTS + 1)
@@ -100,7 +100,7 @@ class Run:
             crossed = signs[first][0] * signs[first + 1][0] < 0.0
             if crossed.any():
                 z, t = self.behind(z, t, after, np.flatnonzero(crossed))
-            else:  # it begins or ends in one, or may pass it and come back
+            else:  # the interval begins or ends in one, or may pass it and come back
                 z = self.across(z, t, after, deep + 1) if deep < DEEP else states[first + 1]
                 t = after
             if t >= end:

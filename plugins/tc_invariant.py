@@ -1,17 +1,17 @@
-"""The paper's monolithic method, which keeps every invariant that a system declares, whatever it is and however the
-energy is written.
+"""The paper's monolithic method, corrected to keep every declared invariant, whatever it is and however the energy is
+written.
 
 A step of L DE + M DS from z to z~ keeps E, and S does not fall; J changes where it is not quadratic, or where the
 discrete gradient of E is not as invariant as E. Then z~ is moved along slopes D_k there, W being squares of units,
 
     z1 = z~ + W (sum_k a_k D_k + b DS),   D_k of E, of every J, and of constraints,
 
-by Newton's simplified method to the energy and the invariants of the run, and to the entropy that z~ has. What z~
-misses is O(h^3), so that the order is 2. Of invariants that say the same (Kepler's momentum, beside energy and the
-Runge-Lenz vector) some are enough. Where a step keeps every J between any two states, nothing is moved.
+by simplified Newton to the energy and the invariants of the run, and to the entropy of z~. The errors of z~ are O(h^3),
+so that the order is 2. Of dependent invariants (Kepler's momentum, energy and Runge-Lenz vector) some are enough. Where
+a step keeps every J between any two states, nothing is moved.
 
-Next to an equilibrium DS is made of DE and DJ: the less is left of it, the more is b damped. Energy and invariants
-stay exact, and S may fall by round-off.
+Next to an equilibrium DS is a combination of DE and DJ: the smaller its free part, the more is b damped. Energy and
+invariants stay exact, and S may fall by round-off.
 """
 
 from tcbench import Flow, Integrator, hookimpl
@@ -21,14 +21,14 @@ from tcbench.solver.mending import Along, position_slopes, positions
 
 from .tc_monolithic import tc_monolithic
 
-AT_REST = 1e-12  # of the square of DS, its part free of the others: less is damped
-ROUNDED = 1e-15  # over 1 and the size of an entropy: one that is as low is not made up for
+AT_REST = 1e-12  # part of |DS|^2 that is free of the others, below which corrections along it are damped
+ROUNDED = 1e-15  # fall of S, over its magnitude and size, that is not corrected: round-off
 MAX_SLOPES = 10  # corrections of a step, each with new slopes
 
 
 def onto_invariants(z0, z1, h, system, start, first, moved, chosen):
-    """What corrects z1, `moved` so far from the end of a step, along slopes at z0, to lie on constraints and to have
-    the energy and the invariants of the first state of the run. The entropy stays what it is, or is raised to that of
+    """The residual of the correction `moved` of a step's end, now z1, along slopes at z0, to the constraints and to the
+    energy and the invariants of `first`, the start of the run; all (n,). The entropy stays, or is raised to that of
     `start`, where the step began.
 
     chosen : (names,) of the invariants to hold; () where a step changes none: then nothing is corrected.
@@ -47,9 +47,9 @@ def onto_invariants(z0, z1, h, system, start, first, moved, chosen):
     along = Along(system, slopes, lambda slope: weights * slope, AT_REST)
     before = system.entropy(start)
     least = before - ROUNDED * (system.entropy_magnitude + abs(before))
-    found = along.before(laws(z1), moved)
-    wanted = [*laws(first)[:-1], maximum(lifted(found[-1]), lifted(least))]
-    return moved - along.move([target - f for target, f in zip(wanted, found, strict=True)])
+    values = along.before(laws(z1), moved)
+    wanted = [*laws(first)[:-1], maximum(lifted(values[-1]), lifted(least))]
+    return moved - along.move([target - f for target, f in zip(wanted, values, strict=True)])
 
 
 def those_that_move(system):

@@ -1,4 +1,4 @@
-"""A variational integrator of thermodynamics: the trapezoidal rule in thermal displacements, forced by what dissipates.
+"""A variational integrator of thermodynamics: the trapezoidal rule in thermal displacements, with dissipative forces.
 
 Temperatures are rates of thermal displacements a, and entropies the momenta of these (Mata and Lew 2011). With v and
 theta constant on the step, and the free energy A(q, theta) = U(q, s) - theta.s, the discrete Lagrangian is
@@ -28,7 +28,7 @@ from .ybaby import refuses as not_hamiltonian
 
 @cached_per_system
 def entropies(system):
-    """Names of the variables that S is linear in; None where it is another function of the state."""
+    """The names of the variables of a linear S; None for another S."""
     sym = system.symbolic
     slope = sym.entropy_gradient(sym.state(trace.variables("z", system.size)))
     parts = {name: [trace.lifted(x) for x in np.ravel(getattr(slope, name))] for name in system.variables}
@@ -50,7 +50,7 @@ def with_parts(system, z, **parts):
 
 
 def trapezoidal(z0, z1, h, system, stages):
-    (half,) = stages  # p_ and s_a, and z0 in the rest of it
+    (half,) = stages  # p_ and s_a; z0 elsewhere
     middle = (z0 + z1) / 2
     of_entropies = entropies(system)
     at_a = {n: getattr(half, n) for n in of_entropies}
@@ -60,7 +60,7 @@ def trapezoidal(z0, z1, h, system, stages):
     rate = system.irreversible(mid, DE, DS)
 
     def as_warm(n):
-        """One temperature at both ends; where it does not depend on the entropies, that of the middle."""
+        """The residual of equal temperatures at both ends; of the midpoint's where they do not depend on entropies."""
         own = np.ravel(getattr(half, n)) - np.ravel(getattr(middle, n))
         gaps = np.ravel(getattr(a, n) - getattr(b, n))
         return [gap if under([gap], list(np.ravel(getattr(half, n)))) else x for gap, x in zip(gaps, own, strict=True)]

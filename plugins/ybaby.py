@@ -20,7 +20,7 @@ ANOTHER = "take a method for every system, such as tc_monolithic"
 
 @cached_per_system
 def hamiltonian(system):
-    """Is the reversible part that of H = K(p) + U(q, the rest)?"""
+    """Is the reversible part Hamilton's with H = K(p) + U(q, the rest)?"""
     if isinstance(system, ElementSystem):
         return True
     sym, names = system.symbolic, system.variables
@@ -97,8 +97,8 @@ def irreversible(modified):
 
 
 def _conducted(system, z, dE):
-    """The irreversible part at the temperatures of the modified energy; of two elements the coefficient of the
-    conduction is that at their own, as in the authors' programs."""
+    """The irreversible part at the temperatures of the modified energy; for two elements with the coefficient of the
+    conduction at their own temperatures, as in the authors' programs."""
     if isinstance(system, ElementSystem) and system.n_elements == 2:
         (a, b), own = dE.s, system.temperatures(z)
         coefficient = system.friction(own)[0, 0] / own[1] ** 2
@@ -122,7 +122,7 @@ def _decay(system, z, E, rate):
 
 
 def _decayed(system, z, E, decay, z0, h):
-    """Increments of Y: the momenta decay, and what energy they lose is heat."""
+    """Increments of Y: the momenta decay, and the energy that they lose is heat."""
     here = dict(zip(z, z0, strict=True))
     dp = np.ravel(z0.p) * [np.expm1(h * x) for x in trace.substitute(list(decay), here)]
     step = system.state(trace.array([trace.const(0.0)] * system.size))

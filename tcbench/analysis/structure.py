@@ -124,14 +124,14 @@ class _Condition:
 
     def why(self, model: System) -> str:
         """A sentence: which terms do not cancel, or that a sign is wrong."""
-        told = "it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
+        rule = "it must hold for the covectors that are put in, whatever they are, not for the true gradients only."
         if self.worst <= CANCELLED:
-            return told
+            return rule
         if self.rises and self.fallen == self.seen:
-            return f"the entropy falls everywhere: is a sign wrong? {told[0].upper()}{told[1:]}"
+            return f"the entropy falls everywhere: is a sign wrong? {rule[0].upper()}{rule[1:]}"
         parts = {name: float(self.terms[a:b].sum()) for name, (a, b, _) in model.layout.items()}
         shown = " + ".join(f"({value:.3g} of {name})" for name, value in parts.items() if value)
-        return f"{told} At worst {self.covector} . rate = {shown}, at {told_state(model, self.state)}."
+        return f"{rule} At worst {self.covector} . rate = {shown}, at {told_state(model, self.state)}."
 
 
 CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, source, formula of the rate, covector
@@ -150,7 +150,7 @@ def rates_of(model: System, z: Any, dE: Any, dS: Any) -> tuple[Any, Any]:
 def _of_matrices(row: Row, model: System, sample: Any) -> Iterator[Any]:
     """The conditions on L and M at the true gradients. They are projected: a wrong one keeps both laws and is another
     system."""
-    for name, told, other, sign, needs in (
+    for name, claim, other, sign, needs in (
         ("reversible", "L is skew", "S", -1.0, "L = -L^T"), ("irreversible", "M is symmetric", "E", 1.0, "M = M^T")
     ):  # fmt: skip
         if not model.defines(MATRICES[name]):
@@ -165,8 +165,8 @@ def _of_matrices(row: Row, model: System, sample: Any) -> Iterator[Any]:
             kept = max(kept, float((np.abs(A @ g) / (np.abs(A) @ np.abs(g) + 1e-300)).max()))
             least = max(least, -float(np.linalg.eigvalsh((A + A.T) / 2).min() / size))
         where = written(model, MATRICES[name])
-        yield row(f"{told}: {needs}", "eq. (1)", "defect 0, relative", turned, ROUNDOFF, f"{where}.")
-        yield row(f"{told[0]} grad {other} = 0: at the true gradients", "eq. (2)", "defect 0, relative", kept,
+        yield row(f"{claim}: {needs}", "eq. (1)", "defect 0, relative", turned, ROUNDOFF, f"{where}.")
+        yield row(f"{claim[0]} grad {other} = 0: at the true gradients", "eq. (2)", "defect 0, relative", kept,
                   ROUNDOFF, f"{where}: a row of the matrix times grad {other} vanishes.")  # fmt: skip
         if sign > 0:
             yield row("M is positive: no eigenvalue below 0", "eq. (1)", "violation 0, relative", least,

@@ -150,9 +150,9 @@ def operators(integrator: Integrator, scenario: Scenario) -> list[LedgerRow]:
         measured = f"{worst:.1e} on {STATES} random admissible pairs of states"
         return LedgerRow(claim, section, expected, measured, worst <= limit, repeat, why, failed)
 
-    def owed(*told: Any) -> LedgerRow:
-        finding = row(*told)
-        return replace(finding, no=f"{finding.no} {told[-1]}")
+    def owed(*labels: Any) -> LedgerRow:
+        finding = row(*labels)
+        return replace(finding, no=f"{finding.no} {labels[-1]}")
 
     rows = [*_gradient_rows(row, scenario, sample, rng)]
     return [*rows, *structure.findings(owed, scenario.model, sample, rng)]
@@ -199,8 +199,8 @@ def _agreement(model: System, sample: Sample) -> float:
             gaps.append(
                 float(np.linalg.norm(model.discrete_gradient(z, z1) - exact) / (np.linalg.norm(exact) + 1e-300))
             )
-        told = min(gaps) > ROUNDOFF
-        powers.append(float(np.log(gaps[0] / gaps[1]) / np.log(CLOSE[0] / CLOSE[1])) if told else 2.0)
+        resolved = min(gaps) > ROUNDOFF
+        powers.append(float(np.log(gaps[0] / gaps[1]) / np.log(CLOSE[0] / CLOSE[1])) if resolved else 2.0)
     return float(np.median(powers))
 
 
@@ -226,8 +226,8 @@ def _directionality(scenario: Scenario, sample: Sample) -> tuple[float, float]:
 
 def _turning(model: System, z0: State, z1: State, angle: float) -> float:
     """Gap between the turned discrete gradient and the discrete gradient of the turned states."""
-    there = model.discrete_gradient(turned(z0, angle), turned(z1, angle))
-    return _relative(there, turned(model.discrete_gradient(z0, z1), angle))
+    gradient = model.discrete_gradient(turned(z0, angle), turned(z1, angle))
+    return _relative(gradient, turned(model.discrete_gradient(z0, z1), angle))
 
 
 # ---- one step of a method
@@ -253,14 +253,14 @@ def steps(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
             if enough else "Too few of the random steps were solved for a verdict.",
         )  # fmt: skip
 
-    told = {
+    labels_of = {
         "energy": ("a step keeps energy", "Theorem 1", "|E1 - E0|/max(V0, |E0|) = 0"),
         "entropy": ("a step never lowers entropy", "Theorem 2", "fall of S = 0, relative"),
     }
     measures = defects(integrator, scenario.model)
     for name, measure in measures.items():
         of_momentum = (f"a step keeps {name.replace('_', ' ')}", "section 3", "|J1 - J0| = 0, relative")
-        yield row(*told.get(name, of_momentum), measure, SOLVED)
+        yield row(*labels_of.get(name, of_momentum), measure, SOLVED)
     if {"energy", "entropy"} <= claims:
         yield row("E - theta_ref S never rises in a step", "Theorem 6, eq. (37)",
                   "rise = 0, relative to max(V0, |E0|)", lyapunov_rise, SOLVED)  # fmt: skip

@@ -95,8 +95,8 @@ class Complex:
     def __getattr__(self, name: str) -> Any:
         row = ops.by_numpy(name)
         if row is None or not row.same:
-            told = refused(f"{name!r} of a complex number is not known here")
-            raise AttributeError(name) if name.startswith("__") else told
+            error = refused(f"{name!r} of a complex number is not known here")
+            raise AttributeError(name) if name.startswith("__") else error
         return partial(ops.evaluated, row.same, ops.as_methods(), self)
 
     def _angle(self) -> Symbol:

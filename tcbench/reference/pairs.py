@@ -93,7 +93,7 @@ def _solve(
         size=size, runs=runs, ends=ends, constants=constants.shape[1], most=min(MAX_STEPS, most),
         rate=system.kernel("vector_field")[0].address, setup=plan.setup, code=plan.code, memory=memory(size),
         rates=plan.rates, moving=plan.moving, places=plan.inputs, times=np.repeat(times, RUNS, axis=0), values=values,
-        given=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
+        system_constants=constants, tolerances=np.tile([FINE, COARSE, COARSE], len(systems)), states=states,
         magnitudes=np.repeat(each, RUNS, axis=0),
     )  # fmt: skip
     LIBRARY.march(work)

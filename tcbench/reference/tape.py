@@ -134,7 +134,7 @@ class Tape:
 
     size : of the memory. setup, code : operations on constants, on series; FIELDS numbers each. rates : where the rate
     of each variable stands, and whether it moves. inputs : where constants stand, and numbers: the index of a system's
-    constant in `given`, or -1 and a literal in `literals`.
+    constant in `indices`, or -1 and a literal in `literals`.
     """
 
     size: int
@@ -143,7 +143,7 @@ class Tape:
     rates: NDArray[np.int64]
     moving: NDArray[np.int64]
     inputs: NDArray[np.int64]
-    given: NDArray[np.int64]
+    indices: NDArray[np.int64]
     literals: NDArray[np.float64]
 
     @property
@@ -152,7 +152,7 @@ class Tape:
 
     def values(self, constants: NDArray[np.float64]) -> NDArray[np.float64]:
         """The values of the inputs for these constants of the system."""
-        return np.where(self.given >= 0, np.asarray(constants)[np.maximum(self.given, 0)], self.literals)
+        return np.where(self.indices >= 0, np.asarray(constants)[np.maximum(self.indices, 0)], self.literals)
 
 
 @lru_cache(maxsize=32)

@@ -49,7 +49,7 @@ class Work(Record):
     moving: Ints = sized("variables")
     places: Ints = sized("inputs")
     values: Matrix = sized("runs", "inputs")  # constants of the tape, by run
-    given: Matrix = sized("runs", "constants")  # constants of the compiled equations
+    system_constants: Matrix = sized("runs", "constants")  # constants of the compiled equations
     magnitudes: Matrix = sized("runs", "variables")  # of the variables, by run
     tolerances: Floats = sized("runs")
     times: Matrix = sized("runs", "ends")
@@ -69,7 +69,7 @@ class Work(Record):
     unit: Floats = sized("LANES")  # of time in coefficients, a power of 2: those of short series would be too large
     probe: Floats = sized("3 * variables")  # a state, the slope of its series, what the compiled equations give
     slope: Floats = sized("variables", of="probe", at="variables")
-    given_rate: Floats = sized("variables", of="probe", at="2 * variables")
+    compiled_rate: Floats = sized("variables", of="probe", at="2 * variables")
 
 
 # series ---------------------------------------------------------------------------------------------------------------
@@ -267,11 +267,11 @@ def compare(j: Work, lane: int) -> None:
             slope = slope * s + value
             value = value * s + w[at + PAIR * k]
         probe[i], j.slope[i] = value, slope / unit
-    call(j.rate, probe, j.given[run], j.given_rate)
+    call(j.rate, probe, j.system_constants[run], j.compiled_rate)
     size, off = min(1.0, LONG / j.times[run, j.ends - 1]), 0.0
     for i in range(n):
-        size = max(size, abs(j.given_rate[i]) / j.magnitudes[run, i])
-        off = max(off, abs(j.given_rate[i] - j.slope[i]) / j.magnitudes[run, i])
+        size = max(size, abs(j.compiled_rate[i]) / j.magnitudes[run, i])
+        off = max(off, abs(j.compiled_rate[i] - j.slope[i]) / j.magnitudes[run, i])
     if not off / size <= j.defects[run]:
         j.defects[run] = off / size
 

@@ -184,9 +184,9 @@ def kept(run: Trajectory) -> dict[str, list[float | None]]:
         if (heat := heat_of(on_points, on_cells, seen[faces], owner)) is not None:
             frame[: len(faces), 5] = np.ma.filled(heat, np.nan)
         frames.append(frame)
-    told = dict(zip(("t", "number", "x", "y", "z", "temperature"), np.concatenate(frames).T, strict=True))
-    told = {name: of for name, of in told.items() if np.isfinite(of).any() and (name not in "yz" or of[of == of].any())}
-    return {n: [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in of.tolist()] for n, of in told.items()}
+    table = dict(zip(("t", "number", "x", "y", "z", "temperature"), np.concatenate(frames).T, strict=True))
+    table = {n: of for n, of in table.items() if np.isfinite(of).any() and (n not in "yz" or of[of == of].any())}
+    return {n: [float(f"{v:.{DIGITS}g}") if np.isfinite(v) else None for v in of.tolist()] for n, of in table.items()}
 
 
 def write(run: Trajectory, path: str | Path, table: str | None = None) -> Path:

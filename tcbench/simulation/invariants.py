@@ -102,19 +102,19 @@ def cause(system: System, name: str, z0: Any, z1: Any) -> str:
         )
     curved = not is_quadratic(system, k, z0, size)
     turned = abs(slope @ dz) > 0.05 * abs(change)
-    told = []
+    causes = []
     if curved:
-        told.append(
+        causes.append(
             "it is not quadratic, and its gradient at the midpoint is not its difference (no change of variables in "
             "the energy helps; a J that is quadratic in other variables would)"
         )
     if turned or not curved:
-        told.append(
+        causes.append(
             "the equations keep it, but the discrete gradient of the energy is not as invariant as the energy: write "
             "energy() in invariants (of F in C = F^T F, of places in dot products, of angles in directors), or take "
             "midpoint_entropy, which keeps it and not the energy"
         )
-    return f"{' and '.join(told)}. {CURE}"
+    return f"{' and '.join(causes)}. {CURE}"
 
 
 def is_quadratic(system: System, k: int, z: Any, size: float) -> bool:

@@ -85,8 +85,8 @@ def run_step(
                 loaded, worked, count = time.perf_counter(), time.thread_time(), together
             elif foresees and done == alone + len(states):  # the next ones: what a step takes differs with the method
                 each = (time.thread_time() - worked) / len(states)
-                if told := foresight.of_steps(model, each, steps):
-                    meter = saying.enter_context(part(told))
+                if message := foresight.of_steps(model, each, steps):
+                    meter = saying.enter_context(part(message))
                     meter.tell(meter.text)
             if meter is None and done > foresight.UNTOLD:
                 meter = saying.enter_context(part(f"{steps} steps of {dt:g}"))
@@ -110,10 +110,10 @@ def run_step(
 def _told(held: tuple[Any, ...] | None) -> SolverCounts:
     """The counts that `cost()` of a run's workspace returns, if it has that method; TypeError for no mapping."""
     cost = getattr(held[0], "cost", None) if held else None
-    told = cost() if callable(cost) else {}
-    if not isinstance(told, Mapping):
-        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(told)}")
-    counts = {name: int(value) for name, value in told.items()}
+    answer = cost() if callable(cost) else {}
+    if not isinstance(answer, Mapping):
+        raise TypeError(f"cost() of a workspace returns a mapping of counts, not {shown(answer)}")
+    counts = {name: int(value) for name, value in answer.items()}
     return SolverCounts(
         newton_iterations=counts.get("newton_iterations", 0), inner_steps=counts.get("steps", 0),
         unknown=() if "newton_iterations" in counts else ("newton_iterations",),
@@ -222,12 +222,12 @@ def run_adaptive(
 
 def at_times(run: Trajectory, t: np.ndarray) -> Summary:
     """The summary of a run with records at the times t (m,): the loop took them for evenly spaced."""
-    told, x = run.summary, t[1 : len(run.t)]
+    summary, x = run.summary, t[1 : len(run.t)]
     error, middle = (run.energy[1:] - run.energy[0]) / run.scenario.initial_exergy, x - x.mean() if len(x) else x
     spread = float(middle @ middle)
-    fall = told.first_entropy_fall
+    fall = summary.first_entropy_fall
     return replace(
-        told,
+        summary,
         energy_drift=float(middle @ error) / spread if len(x) > 1 and spread > 0.0 else math.nan,
         first_entropy_fall=fall if math.isnan(fall) else float(t[round(fall / t[1])]),
     )

@@ -114,5 +114,5 @@ def summarise(run: Run, tally: Any, dt: float, names: tuple[str, ...], exergy: f
 
 def raised(error: BaseException, step: int, t: float) -> tuple[str, str]:
     """Status and one line for an exception of a method: where it stopped, and what was raised."""
-    status, told = ending(error)
-    return status, f"step {step} (t = {t:.6g}): {told}"
+    status, cause = ending(error)
+    return status, f"step {step} (t = {t:.6g}): {cause}"

@@ -189,7 +189,7 @@ def run_flows(
     """`simulate` for an integrator of the kind "flows", its input checked."""
     model = scenario.model
     kernels = compiled_flows(integrator.flows, model.symbolic)
-    told = foresight.of_steps(model, foresight.seconds_a_step(kernels), steps)  # before anything is compiled
+    message = foresight.of_steps(model, foresight.seconds_a_step(kernels), steps)  # before anything is compiled
     ready = take(integrator, model, kernels)
     run = ready.start(scenario, dt, steps, every, rules)
     LOOPS.begin(run)
@@ -203,7 +203,7 @@ def run_flows(
             np.add.at(run.counts, np.arange(done) // every, first.iterations)
             run.tally.iterations += first.iterations.sum()
     if done < steps and reason == OK and not (first and first.failure):
-        reason = march(run, done, steps, told)
+        reason = march(run, done, steps, message)
         done = run.tally.steps
     wall = time.perf_counter() - begin - (compiled_late() - late)
     status, failure = explain(reason, done, dt, scenario, integrator)
@@ -215,8 +215,8 @@ def run_flows(
             for flow, kernel in zip(integrator.flows, kernels, strict=True)
             if not finite_at_rest(kernel, flow.memory, model, run.z, dt)
         ]
-        if told := dependent(model, run.z[None], [run.tally.steps * dt], failed=True):
-            failure += f"; {told}"
+        if message := dependent(model, run.z[None], [run.tally.steps * dt], failed=True):
+            failure += f"; {message}"
         if any(flow.kept.lost for flow in run.flows.records):
             failure += (
                 ": iterations did not solve its linear equations, too many to be factorised; a shorter dt is needed"
@@ -227,16 +227,16 @@ def run_flows(
     return trajectory
 
 
-def march(run: Run, done: int, steps: int, told: str) -> int:
+def march(run: Run, done: int, steps: int, message: str) -> int:
     """The steps from `done` on; returns why they ended. told: of a run that is foreseen to be long."""
     small = run.n <= SHORT_STATE
-    if small and not told:
+    if small and not message:
         reason: int = LOOPS.march(run, done, min(steps, done + foresight.UNTOLD, done + CHUNK))
         done = run.tally.steps
         if done == steps or reason != OK:
             return reason
     chunk, reason = CHUNK if small else max(1, CHUNK * SHORT_STATE // (5 * run.n)), OK
-    with part(told or f"{steps} steps of {run.h:g}") as meter:
+    with part(message or f"{steps} steps of {run.h:g}") as meter:
         while done < steps and reason == OK:
             reason = LOOPS.march(run, done, min(steps, done + chunk))
             done = run.tally.steps

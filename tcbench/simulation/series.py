@@ -75,8 +75,8 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]
     if stride > 1:
         opening = columns(run, slice(points + 1))
         laws = {"energy", "entropy", *run.invariants}
-        there = {n: v for n, v in opening.items() if n not in laws and not n.endswith(LOST)}
-        parts["opening"] = _rounded(there)
+        states = {n: v for n, v in opening.items() if n not in laws and not n.endswith(LOST)}
+        parts["opening"] = _rounded(states)
     if mesh := fields.kept(run):  # which is drawn in the place of the system's own picture
         parts = {part: {n: v for n, v in of.items() if not n.startswith("at_")} for part, of in parts.items()}
         parts["fields"] = mesh
@@ -85,12 +85,12 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]
 
 def variables(names: Iterable[str]) -> list[str]:
     """The columns of a table of states that are variables of the system, or stand for them."""
-    there = [str(name) for name in names]
+    texts = [str(name) for name in names]
     basic = {"integrator", "scenario", "status", "dt", "tolerance", "t", "energy", "entropy"}
-    laws = {name.removesuffix("_error") for name in there if name.endswith("_error")}
+    laws = {name.removesuffix("_error") for name in texts if name.endswith("_error")}
     for stem in ("temperature", "strain"):  # of the elements one after the other: a variable may be called so, too
-        basic |= set(takewhile(there.__contains__, (f"{stem}_{letter}" for letter in LETTERS)))
-    return [n for n in there if n not in basic | laws and not n.endswith(LOST) and not n.startswith(("at_x_", "at_y_"))]
+        basic |= set(takewhile(texts.__contains__, (f"{stem}_{letter}" for letter in LETTERS)))
+    return [n for n in texts if n not in basic | laws and not n.endswith(LOST) and not n.startswith(("at_x_", "at_y_"))]
 
 
 def _rounded(arrays: Mapping[str, np.ndarray]) -> dict[str, list[Any]]:

@@ -116,7 +116,7 @@ def picture(run: Trajectory, observables: Sequence[Observable] = ()) -> Figure:
 def as_html(run: Trajectory) -> str:
     """The run as HTML for a notebook: how it ended, and its largest errors."""
     lost = np.abs(run.energy - run.energy[0]).max() / run.scenario.initial_exergy
-    told = {
+    facts = {
         "integrator": run.integrator.name, "scenario": run.scenario.name, "status": run.status,
         "failure": run.failure, "steps": f"{run.steps}" + ("" if np.isnan(run.dt) else f" of {run.dt:g}"),
         "time reached": f"{run.t[-1]:g}", "max |E − E₀| / V₀": f"{lost:.3g}",
@@ -124,7 +124,7 @@ def as_html(run: Trajectory) -> str:
     }  # fmt: skip
     rows = "".join(
         f"<tr><th style='text-align:left'>{html.escape(k)}</th><td style='text-align:left'>{html.escape(v)}</td></tr>"
-        for k, v in told.items()
+        for k, v in facts.items()
         if v
     )
     return f"<table>{rows}</table>"

@@ -307,8 +307,8 @@ def _is_symmetric(A: Sequence[Sequence[Symbol]], inputs: Sequence[Symbol]) -> bo
     rng = np.random.default_rng(0)
     symbols = [x for row in A for x in row]
     for _ in range(SAMPLES):
-        there = {x: const(v) for x, v in zip(inputs, rng.uniform(0.5, 1.5, len(inputs)), strict=True)}
-        numbers = [x.value if x.op == "const" else np.nan for x in trace.substitute(symbols, there)]
+        sample = {x: const(v) for x, v in zip(inputs, rng.uniform(0.5, 1.5, len(inputs)), strict=True)}
+        numbers = [x.value if x.op == "const" else np.nan for x in trace.substitute(symbols, sample)]
         values = np.reshape(numbers, (len(A), -1))
         if not np.abs(values - values.T).max() <= SYMMETRIC * np.abs(values).max():
             return False

@@ -295,11 +295,11 @@ class ElementSystem(ThermalVariables, System):
     @derived
     def temperature_field(self, y: Any) -> Any:
         """d(q, p, theta)/dt, shape (size,), by the chain rule from the vector field."""
-        z, here = self.unknowns("z"), self.entropy_variables(y)
+        z, state = self.unknowns("z"), self.entropy_variables(y)
         outputs = self.temperature_variables(z)
-        rates = dict(zip(entries(z), map(trace.lifted, entries(self.vector_field(here))), strict=True))
+        rates = dict(zip(entries(z), map(trace.lifted, entries(self.vector_field(state))), strict=True))
         moved = trace.along([*map(trace.lifted, entries(outputs))], rates)
-        return refilled(outputs, trace.substitute(moved, dict(zip(entries(z), entries(here), strict=True))))
+        return refilled(outputs, trace.substitute(moved, dict(zip(entries(z), entries(state), strict=True))))
 
     def assemble(self, by_q: Any, p: Any, theta: Any) -> State:
         """A gradient of the energy from its parts: by the positions (n_positions,), momenta p, temperatures theta."""

@@ -198,11 +198,11 @@ def _reached(model: System, z0: Floats, far: Floats, horizon: float) -> Floats:
     places = [(a, b) for a, b, _ in model.layout.values()]
     moves = far[:, None] * _ways(tuple(places))
     with np.errstate(all="ignore"):
-        here = np.abs(model.vector_field(z0))
+        at_start = np.abs(model.vector_field(z0))
         rates = [np.abs(model.vector_field(z0 + move)) for move in moves]
     reach = []
     for i, (a, b) in enumerate(places):
-        others = [here, *(rate for j, rate in enumerate(rates) if j != i)]
+        others = [at_start, *(rate for j, rate in enumerate(rates) if j != i)]
         fastest = max((x for rate in others for x in rate[a:b] if x < np.inf), default=0.0)
         reach.append(horizon * fastest if fastest > 0.0 else np.inf)
     return np.array(reach)
@@ -213,10 +213,10 @@ def _changes(model: System, z0: Floats, length: Floats, ways: Floats) -> tuple[F
     larger of those of E and of theta_ref S. NaN where there is no energy."""
     seen = _observed(model, np.concatenate([z0[None], z0 + length[:, None] * ways, z0 - length[:, None] * ways]))
     weights = (1.0, model.reference_temperature)
-    here, up, down = seen[0, :2], *np.split(seen[1:, :2], 2)
+    at_start, up, down = seen[0, :2], *np.split(seen[1:, :2], 2)
     with np.errstate(invalid="ignore"):
-        first = (np.maximum(np.abs(up - down) / 2 - NOISE * np.abs(here), 0.0) * weights).max(axis=1)
-        second = (np.maximum(np.abs(up + down - 2 * here) - NOISE * np.abs(here), 0.0) * weights).max(axis=1)
+        first = (np.maximum(np.abs(up - down) / 2 - NOISE * np.abs(at_start), 0.0) * weights).max(axis=1)
+        second = (np.maximum(np.abs(up + down - 2 * at_start) - NOISE * np.abs(at_start), 0.0) * weights).max(axis=1)
     return first, second
 
 
@@ -224,10 +224,10 @@ def _laws(model: System, z0: Floats, far: Floats, count: int) -> tuple[Floats, F
     """Values of the laws, shape (count,), and how much they change, (count,), as all variables move by `far`."""
     ways = _ways(tuple((a, b) for a, b, _ in model.layout.values()))
     move = SHARE * (far[:, None] * ways).sum(axis=0)
-    here, up, down = _observed(model, np.array([z0, z0 + move, z0 - move]))[:, :count]
+    at_start, up, down = _observed(model, np.array([z0, z0 + move, z0 - move]))[:, :count]
     with np.errstate(invalid="ignore"):
-        change = np.fmax(np.abs(up - down) / (2 * SHARE), np.abs(up + down - 2 * here) / SHARE**2)
-    return here, np.where(np.isfinite(change), change, np.abs(here))
+        change = np.fmax(np.abs(up - down) / (2 * SHARE), np.abs(up + down - 2 * at_start) / SHARE**2)
+    return at_start, np.where(np.isfinite(change), change, np.abs(at_start))
 
 
 def _observed(model: System, rows: Floats) -> Floats:

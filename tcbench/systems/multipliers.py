@@ -223,16 +223,16 @@ def _cure(system: System, solved: Multipliers, z0: Any) -> str:
     """The end of a sentence: the nearest consistent start."""
     z = None
     with np.errstate(all="ignore"), contextlib.suppress(TcbenchError, RuntimeError):
-        z, here = solved.consistent(z0), np.asarray(z0)
+        z, start = solved.consistent(z0), np.asarray(z0)
     if (
         z is None
         or not np.all(np.isfinite(z))
         or np.abs(system.constraint_values(z)).max() > KEPT * (1.0 + np.abs(z).max())
     ):
         return "there is no state near it that satisfies them; do they contradict each other?"
-    state, moved = system.state(z), np.abs(z - here) > KEPT * (1.0 + np.abs(z))
+    state, moved = system.state(z), np.abs(z - start) > KEPT * (1.0 + np.abs(z))
     names = [name for name, (first, end, _) in system.layout.items() if moved[first:end].any()]
-    told = "the nearest start that is consistent is scenario.consistent()"
+    advice = "the nearest start that is consistent is scenario.consistent()"
     if sum(np.size(getattr(state, name)) for name in names) > SHOWN:
-        return f"{told}, which moves {' and '.join(names)} by at most {np.abs(z - here).max():.2g}."
-    return f"{told}, {', '.join(f'{n} = {np.round(getattr(state, n), 12).tolist()}' for n in names)}."
+        return f"{advice}, which moves {' and '.join(names)} by at most {np.abs(z - start).max():.2g}."
+    return f"{advice}, {', '.join(f'{n} = {np.round(getattr(state, n), 12).tolist()}' for n in names)}."

@@ -188,8 +188,8 @@ def energy_slopes(system: ElementSystem, energies: Sequence[Symbol], own: Sequen
     (or of the array of them); TraceError where it depends on another element's."""
     count, where, moving = len(own) // 2, _line(system, "element_energy"), trace.depends_on(energies, own)
     if len(energies) != count:
-        told = f"element_energy() gives {len(energies)} numbers for {count} elements"
-        raise refused(told, "It gives one for each", where)
+        problem = f"element_energy() gives {len(energies)} numbers for {count} elements"
+        raise refused(problem, "It gives one for each", where)
     between = any(x.op in LINEAR and x.number in moving for x in trace.topological(energies))
     rows = [] if between else trace.sparse_jacobian(energies, own)
     others = [(i, j % count) for i, row in enumerate(rows) for j in row if j % count != i]

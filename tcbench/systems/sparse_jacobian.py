@@ -78,8 +78,8 @@ def _by_arrays(symbolic: Any, formula: Formula, states: int) -> tuple[Kernel, An
         flat = [(i + len(x), term, slope) for i, row in enumerate(slopes) for term, slope in row.items()]
         inputs = {"a": net.blocks([*arguments]), "b": net.constant_blocks()}
         loops = jacobian_kernel(inputs, [], [(term, slope) for _, term, slope in flat], [])
-    there = scattered(mesh, [*blocks, *ours], [(i, term) for i, term, _ in flat])
-    count, n = len(there.rows), mesh.offsets(blocks)[-1]
-    places = there.places(np.arange(count), count)
+    pattern = scattered(mesh, [*blocks, *ours], [(i, term) for i, term, _ in flat])
+    count, n = len(pattern.rows), mesh.offsets(blocks)[-1]
+    places = pattern.places(np.arange(count), count)
     kernel_ = loops.kernel(mesh.with_entries(count), places, extra=1)
-    return kernel_, there.rows - n, there.columns, mesh.offsets(ours)[-1]
+    return kernel_, pattern.rows - n, pattern.columns, mesh.offsets(ours)[-1]

@@ -168,8 +168,8 @@ class System(Formulas):
                 raise unknown_name(f"variable of {self.name!r}", name, self.variables)
         for name, shape in self.variables.items():
             if name not in initial or (np.shape(initial[name]) != shape and (0 not in shape or np.size(initial[name]))):
-                there = f"has {initial[name]!r}" if name in initial else "does not"
-                raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it {there}.")
+                problem = f"has {initial[name]!r}" if name in initial else "does not"
+                raise TcbenchError(f"initial must give {name!r}, {whole(shape)}; it {problem}.")
         z = np.concatenate([np.ravel(initial[name]) for name in self.variables]).astype(float)
         if not len(z):
             raise TcbenchError("all spaces are empty: a state has no numbers.")
@@ -229,8 +229,8 @@ class System(Formulas):
         """Gradients of the invariants, shape (size,) each, on symbols."""
         x = self.unknowns("x")
         gradients = [chain_rule.gradient(f, entries(x)) for f in self.momenta(x)]
-        here = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
-        return [self.state(refilled(x, trace.substitute(slopes, here))) for slopes in gradients]
+        at_z = dict(zip(entries(x), map(trace.lifted, entries(z)), strict=True))
+        return [self.state(refilled(x, trace.substitute(slopes, at_z))) for slopes in gradients]
 
     def momenta_discrete_gradients(self, z0: Any, z1: Any) -> list[State]:
         """Discrete gradients of the invariants, shape (size,) each, on symbols: DJ . (z1 - z0) = J(z1) - J(z0)."""

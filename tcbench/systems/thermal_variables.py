@@ -68,9 +68,9 @@ class ThermalVariables(Base):
         """-dE/dq at (q, p, theta), shape (n_positions,), simplified: logarithms cancel exponentials of entropies."""
         y, q, theta = self.named(y, "s"), self.fresh("q", "position"), self.fresh("theta", "element")
         z = self.entropy_variables(np.concatenate([q, 0.0 * q, theta]))
-        here = dict(zip(entries(q, theta), entries(y.q, y.s), strict=True))
+        at_y = dict(zip(entries(q, theta), entries(y.q, y.s), strict=True))
         forces = [*map(trace.lifted, entries(-self.gradient(z).q))]
-        return refilled(q, trace.substitute(forces, here))
+        return refilled(q, trace.substitute(forces, at_y))
 
     def in_variables(self, variables: str, z: Any) -> State:
         """z as (q, p, s), or (q, p, theta), or (q, p, u): "entropy", "temperature", "energy"."""
@@ -120,16 +120,16 @@ class ThermalVariables(Base):
             s_ = self.fresh("s", "element")
             s = each(solved, self.element_energy(pi_, s_), s_, y_)
         e = y_ if variables == "energy" else self.element_energy(pi_, s)
-        here = dict(zip(entries(pi_, y_), entries(pi, y), strict=True))
-        values = trace.substitute([*map(trace.lifted, entries(e, s))], here)
+        values_of = dict(zip(entries(pi_, y_), entries(pi, y), strict=True))
+        values = trace.substitute([*map(trace.lifted, entries(e, s))], values_of)
         return refilled(pi_, values[: len(entries(pi_))]), refilled(pi_, values[len(entries(pi_)) :])
 
     def _entropies_at(self, pi: Any, theta: Any) -> Any:
         """entropies(q, theta), which its author writes in the positions, as a function of the strain measures."""
         q = self.fresh("q", "position")
         shape, s = entries(self.shape(q)), [*map(trace.lifted, entries(self.entropies(q, theta)))]
-        here = {node: p for x, p in zip(shape, entries(pi), strict=True) for node in _itself(x)}
-        entropies = trace.substitute(s, here)
+        measures = {node: p for x, p in zip(shape, entries(pi), strict=True) for node in _itself(x)}
+        entropies = trace.substitute(s, measures)
         if set(trace.depends_on(entropies, entries(q))) & {x.number for x in trace.topological(entropies)}:
             raise trace.refused(
                 f"entropies() of {self.name!r} sees the positions other than through the strain measures",
