@@ -28,15 +28,18 @@ class CahnHilliard(Canonical):
         "mobility": (),
         "capacity": (),
         "conductivity": (),
+        "theta0": (),
     }
-    positive = ("area", "width", "capacity", "mobility")
+    positive = ("area", "width", "capacity", "mobility", "theta0")
+    reference_temperature = "theta0"
     non_negative = ("conductivity",)
     source = "Cahn and Hilliard (1958), J. Chem. Phys. 28:258"
 
     def energy(self, z: Any) -> Any:
         a, b = z.c[self.sides].T
         wells = self.area * (
-            self.well / 4 * (z.c**2 - 1) ** 2 + self.capacity * np.exp(z.s / (self.area * self.capacity))
+            self.well / 4 * (z.c**2 - 1) ** 2
+            + self.capacity * self.theta0 * (np.exp(z.s / (self.area * self.capacity)) - 1)
         )
         return wells.sum() + (self.interface / 2 * (b - a) ** 2).sum()
 
@@ -63,6 +66,7 @@ def cahn_hilliard(n: int, **changes: Any) -> Scenario:
     constants = {
         "sides": np.concatenate(sides), "area": np.full(n * n, width**2), "width": width, "well": 1.0,
         "interface": 0.002, "mobility": 1.0, "capacity": 2.0, "conductivity": 0.1,
+        "theta0": 1.0,
     }  # fmt: skip
     start = {"c": 0.1 * np.sin(1.7 * cells) + 0.05 * np.cos(0.3 * cells), "s": np.zeros(n * n)}
     scenario = Scenario(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import reduce
 
 from . import derivatives as trace
-from .arrays import count, total
+from .arrays import total
 from .chain_rule import covectors
 from .derivatives import Symbol
 
@@ -25,11 +25,11 @@ def round_off(f: Symbol, x: Sequence[Symbol], magnitudes: Sequence[Symbol] | Non
 
 
 def _rounded(node: Symbol, by: Symbol, sizes: dict[Symbol, Symbol]) -> Symbol:
-    """|df/dn| |n| of one node n, by = df/dn. Entries of an array are rounded independently: they add up by squares, and
-    the loss of a sum grows as the root of their number."""
+    """|df/dn| |n| of one node n, by = df/dn. Entries of an array are rounded independently: they add up by squares. A
+    sum over all is compensated: what it loses goes with the sizes of its terms, not with how many these are."""
     if node.op == "total":
         op, space = node.value
-        return abs(by) * total(op, abs(node.args[0]), space) * count(space).sqrt()
+        return abs(by) * total(op, abs(node.args[0]), space)
     if node.op != "var":
         return _in_all(by * node)
     magnitude = total("max", abs(node), node.space) if node.space else sizes[node]

@@ -46,6 +46,7 @@ class OldFactors(Record, mutable=True):
     cost: float  # more corrections with them since then
     pause: float  # steps without
     stopped: float  # size of a correction that no longer shrank
+    slowest: float  # contraction by incomplete factors that steps have shown
     noise: float  # size of a correction that is known to be round-off
     lost: float  # linear systems of this step that were not solved, and are too large to be factorised
 

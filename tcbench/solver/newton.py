@@ -111,7 +111,8 @@ def forget(flow: CompiledFlow) -> None:
     """What is known of earlier steps is of another run."""
     flow.foreseen.degree, flow.foreseen.near, flow.foreseen.curvature = 0, False, 0.0
     flow.foreseen.enough = 0.0
-    flow.kept.made_in, flow.kept.cost, flow.kept.pause, flow.kept.stopped, flow.kept.noise = 0.0, 0.0, 0.0, 0.0, 0.0
+    flow.kept.made_in, flow.kept.cost, flow.kept.pause = 0.0, 0.0, 0.0
+    flow.kept.stopped, flow.kept.slowest, flow.kept.noise = 0.0, 0.0, 0.0
 
 
 @late

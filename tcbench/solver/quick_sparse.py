@@ -18,6 +18,7 @@ POOR = 0.15  # contraction by incomplete factors, above which Newton with whole 
 CHORD_ROUND_OFF = 1e-13  # a correction with them that no longer shrinks is round-off below this, ...
 NOISY = 4.0  # ... or below so many times what whole corrections made of a root where such ones had stopped
 LEFT = 1e-17  # predicted error: what many steps leave with one sign is still below the round-off of their energies
+SHOWN = 0.9  # of the contraction that earlier steps have shown: first corrections do not show how their parts shrink
 MOST_CHORDS = 20  # corrections with incomplete factors
 RENEWAL = 5.0  # of them cost as much as a Jacobian and its factors
 PAUSED = 20.0  # steps in which they are not tried, once they have failed
@@ -55,7 +56,7 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
     x, d, kept, solution, n, order = flow.x, flow.derivatives, flow.kept, flow.krylov[SOLUTION], flow.nx, flow.order
     scale = flow.inverse_sizes
     new, made, floor = kept.made_in == 0.0, 0, max(CHORD_ROUND_OFF, NOISY * kept.noise)
-    previous, slowest, kept.stopped = np.inf, 0.0, 0.0
+    previous, slowest, kept.stopped = np.inf, SHOWN * kept.slowest, 0.0
     for iteration in range(1, MOST_CHORDS + 1):
         behind = n
         if new:
@@ -89,6 +90,8 @@ def by_old_factors(flow: CompiledFlow) -> tuple[int, int]:
             return REJECTED, iteration
         slowest = max(slowest, delta / previous if previous > 0.0 else 0.0)  # 0/0 at rest
         stalled = delta > POOR * previous
+        if not stalled:
+            kept.slowest = slowest
         if stalled and delta > floor:
             if made > 0:
                 return REJECTED, iteration

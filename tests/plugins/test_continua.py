@@ -33,6 +33,13 @@ def test_both_laws_and_the_momenta_are_exact(name):
             assert error < 2e-15, (kind, error)
 
 
+@pytest.mark.parametrize("method", ["tc_monolithic", "tc_taylor"])
+def test_phases_that_part_keep_the_energy(method):
+    """Errors of the same sign add up: those of old factors over the steps, what a correction may miss over the cells."""
+    run = tcbench.simulate(method, "cahn_hilliard", t_end=0.1)
+    assert run.ok and run.summary.energy_error_max < 1e-13
+
+
 def test_a_ring_is_of_order_two():
     end = {n: tcbench.simulate("tc_monolithic", ring(8, t_end=0.5, dt=0.5 / n)).z[-1] for n in (40, 80, 160)}
     errors = [np.abs(end[n] - end[2 * n]).max() for n in (40, 80)]
