@@ -35,7 +35,7 @@ def test_both_laws_and_the_momenta_are_exact(name):
 
 @pytest.mark.parametrize("method", ["tc_monolithic", "tc_taylor"])
 def test_phases_that_part_keep_the_energy(method):
-    """Errors of the same sign add up: those of old factors over the steps, what a correction may miss over the cells."""
+    """Errors of one sign add up: those of old factors over the steps, what a correction may miss over the cells."""
     run = tcbench.simulate(method, "cahn_hilliard", t_end=0.1)
     assert run.ok and run.summary.energy_error_max < 1e-13
 
