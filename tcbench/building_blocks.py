@@ -41,8 +41,8 @@ def log1p_ratio(x: Any) -> Any:
 
 
 def function(name: str) -> Callable[..., Any]:
-    """A function of formulas that numpy has not, a row of `tcbench.compiler.ops`, by its name; of numbers, symbols and
-    arrays of either, entry by entry. UnknownNameError where there is none.
+    """A function that numpy lacks, by the name of its row of `tcbench.compiler.ops`: for numbers, symbols and arrays of
+    either, entry by entry. UnknownNameError where there is none.
     """
     if name not in functions():
         raise unknown_name("function", name, functions())
@@ -55,9 +55,9 @@ def function(name: str) -> Callable[..., Any]:
     entrywise = np.frompyfunc(of_entry, row.arguments, 1)
 
     def of(*x: Any) -> Any:
-        found = entrywise(*x)
-        numbers = isinstance(found, np.ndarray) and all(np.asarray(a).dtype != object for a in x)
-        return found.astype(float) if numbers else found
+        values = entrywise(*x)
+        numbers = isinstance(values, np.ndarray) and all(np.asarray(a).dtype != object for a in x)
+        return values.astype(float) if numbers else values
 
     of.__name__ = name
     return of
@@ -67,16 +67,16 @@ def divided_difference(function: Callable[[Any], Any], a: Any, b: Any) -> Any:
     """(function(b) - function(a))/(b - a), and the derivative where b = a; of the shape of a and b.
 
     function : of one variable, by +, -, *, /, **, abs, sqrt, exp, log, expm1, log1p, sin, cos, tan, arcsin, arccos,
-        arctan, arctan2, sinh, cosh, tanh, hypot, where, maximum, minimum, clip and sign (TraceError names what else it
-        uses).
+        arctan, arctan2, sinh, cosh, tanh, hypot, where, maximum, minimum, clip and sign (TraceError names another
+        operation).
     """
 
     def slope(a: Any, b: Any) -> tuple[Any]:
         x = _mapped(lambda a, step: rectangle(a, step, ZERO, ZERO)[0], a, b - a)
         return (_mapped(lambda corner: corner.pi_at_s0, _by_rules(function, x)),)
 
-    (found,) = _of_symbols(slope, a, b)
-    return found
+    (slopes,) = _of_symbols(slope, a, b)
+    return slopes
 
 
 def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> tuple[Any, Any]:
@@ -85,15 +85,15 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
         D1 (x1 - x0) + D2 (y1 - y0) = function(x1, y1) - function(x0, y0):
 
     each is the mean of the divided differences along the two opposite edges of the rectangle, Romero (2009), (31)-(32).
-    x and y may be arrays, which are passed on as they are: entry i of the result must depend on entry i of x and y
+    x and y may be arrays, which are passed on: entry i of the result must depend on entry i of x and y
     alone, as in `system.element_energy`. Operations as in `divided_difference`.
     """
 
     def slopes(x0: Any, x1: Any, y0: Any, y1: Any) -> tuple[Any, ...]:
         edges = x0, x1 - x0, y0, y1 - y0
         x, y = (_mapped(lambda *edge, i=i: rectangle(*edge)[i], *edges) for i in range(2))
-        found = _by_rules(function, x, y)
-        return tuple(_mapped(lambda corner, i=i: symmetrised_slopes(corner)[i], found) for i in range(2))
+        corners = _by_rules(function, x, y)
+        return tuple(_mapped(lambda corner, i=i: symmetrised_slopes(corner)[i], corners) for i in range(2))
 
     (x0, y0), (x1, y1) = a, b
     first, second = _of_symbols(slopes, x0, x1, y0, y1)
@@ -101,7 +101,7 @@ def divided_differences(function: Callable[[Any, Any], Any], a: Any, b: Any) -> 
 
 
 def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: int = 0) -> Any:
-    """The gradient with the least change after which its product with the step is that of `exact` (Gonzalez 1996).
+    """The nearest gradient whose product with the step is that of `exact`: Gonzalez (1996).
 
     gradient + (exact - gradient) . step / (w step . step) w step, and the gradient itself where the step is 0. With the
     gradient at the midpoint this is Gonzalez's discrete gradient: second order, symmetric.
@@ -122,16 +122,16 @@ def directional(gradient: Any, step: Any, exact: Any, weights: Any = 1.0, axis: 
 
 def _by_rules(function: Callable[..., Any], *corners: Any) -> Any:
     try:
-        found = function(*corners)
+        result = function(*corners)
         if not is_array(*corners):
-            given, shape = (() if isinstance(x, Corners) else np.shape(x) for x in (corners[0], found))
-            if shape not in (given, ()):
-                told = f"a divided difference is taken of a function that gives shape {shape} of shape {given}"
-                raise refused(told, SHAPES)
-        elif np.ndim(found) and not is_array(found):
+            entry, shape = (() if isinstance(x, Corners) else np.shape(x) for x in (corners[0], result))
+            if shape not in (entry, ()):
+                problem = f"a divided difference is taken of a function that gives shape {shape} of shape {entry}"
+                raise refused(problem, SHAPES)
+        elif np.ndim(result) and not is_array(result):
             raise refused("a divided difference is taken of a function that gives numbers of an array", SHAPES)
-        return _mapped(lambda corner, value: corner.lifted(value), corners[0], found)  # a constant has slopes, too
-    except TypeError as error:  # numpy hides the sentence that says which operation has no rule
+        return _mapped(lambda corner, value: corner.lifted(value), corners[0], result)  # a constant has slopes, too
+    except TypeError as error:  # numpy hides the TraceError that names the operation
         if isinstance(error.__cause__, TraceError):
             raise error.__cause__ from None
         raise refused(f"a divided difference is taken of a function that cannot take it: {error}", SHAPES) from None
@@ -143,30 +143,30 @@ def _mapped(rule: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def _each(rule: Callable[..., Symbol], x: Any) -> Any:
-    """The rule on every entry; a number where it is one."""
-    (found,) = _of_symbols(lambda x: (_mapped(rule, x),), x, alike=True)
-    return found
+    """The rule applied to every entry; a number for a number."""
+    (values,) = _of_symbols(lambda x: (_mapped(rule, x),), x, alike=True)
+    return values
 
 
 def _of_symbols(rule: Callable[..., tuple[Any, ...]], *arguments: Any, alike: bool = False) -> tuple[Any, ...]:
-    """The rule on symbols; numbers where all entries are numbers. alike: it does the same to each entry."""
+    """The results of a rule on symbols; numbers where all arguments are. alike : it treats entries alike."""
     if is_array(*arguments):
         return rule(*arguments)
     arrays = np.broadcast_arrays(*(np.asarray(a, dtype=object) for a in arguments))
-    shape, given = arrays[0].shape, [x for a in arrays for x in a.flat]
-    if any(isinstance(x, Corners) for x in given):
+    shape, items = arrays[0].shape, [x for a in arrays for x in a.flat]
+    if any(isinstance(x, Corners) for x in items):
         raise refused("a building block stands in what a divided difference is taken of, and has no rule there", RULES)
-    if any(isinstance(x, Symbol) for x in given):
+    if any(isinstance(x, Symbol) for x in items):
         return rule(*(array(map(lifted, a.flat)).reshape(shape)[()] for a in arrays))
-    numbers = np.array(given, dtype=float).reshape(len(arrays), *shape)
-    # what does the same to each entry does it to an array without a length; its axes it has not
-    found = _by_one_formula(rule, numbers) if alike or len(shape) < 2 else None
-    found = _by_entries(rule, numbers) if found is None else found
-    return tuple(of_each.reshape(shape)[()] for of_each in found.T)
+    numbers = np.array(items, dtype=float).reshape(len(arrays), *shape)
+    # a rule that treats entries alike takes an array without a length, which has one axis
+    table = _by_one_formula(rule, numbers) if alike or len(shape) < 2 else None
+    table = _by_entries(rule, numbers) if table is None else table
+    return tuple(of_each.reshape(shape)[()] for of_each in table.T)
 
 
 def _by_one_formula(rule: Callable[..., tuple[Any, ...]], numbers: np.ndarray) -> np.ndarray | None:
-    """The rule traced once for all entries: shape (entries, results). None where it tells entries apart."""
+    """The results (entries, results) of the rule, traced once for all; None where it does not treat entries alike."""
     x = [variable("x", "entry") for _ in numbers]
     try:
         outputs = entries(*rule(*(ArraySymbol("entry", y) for y in x)))
@@ -176,22 +176,22 @@ def _by_one_formula(rule: Callable[..., tuple[Any, ...]], numbers: np.ndarray) -
 
 
 def _by_entries(rule: Callable[..., tuple[Any, ...]], numbers: np.ndarray) -> np.ndarray:
-    """The same traced on all of them: entries whose formulas differ in constants only have one kernel."""
+    """The results (entries, results), traced entry by entry; formulas that differ in constants share a kernel."""
     x = variables("x", numbers.size).reshape(numbers.shape)
     outputs = np.array([np.ravel(side) for side in rule(*x)]).T
-    rows, found, forms = numbers.reshape(len(x), -1).T, np.empty(outputs.shape), dict[Any, list[Any]]()
+    rows, table, forms = numbers.reshape(len(x), -1).T, np.empty(outputs.shape), dict[Any, list[Any]]()
     for i, own in enumerate(x.reshape(len(x), -1).T):
         form, constants = _form(list(own), list(outputs[i]))
         forms.setdefault(form, []).append((i, own, constants))
     for alike in forms.values():
         i, own, constants = alike[0]
         values = [[*rows[i], *(x.value for x in constants)] for i, _, constants in alike]
-        found[[i for i, *_ in alike]] = _evaluated([*own, *constants], outputs[i], np.array(values))
-    return found
+        table[[i for i, *_ in alike]] = _evaluated([*own, *constants], outputs[i], np.array(values))
+    return table
 
 
 def _form(x: Sequence[Symbol], outputs: Sequence[Symbol]) -> tuple[Any, list[Symbol]]:
-    """What formulas in x are but for their constants, and these."""
+    """The formulas in x without their constants, as a key; and the constants."""
     place, constants, form = {y.number: k for k, y in enumerate(x)}, dict[Symbol, int](), list[Any]()
 
     def code(node: Symbol) -> int:
@@ -205,9 +205,9 @@ def _form(x: Sequence[Symbol], outputs: Sequence[Symbol]) -> tuple[Any, list[Sym
 
 
 def _evaluated(x: Sequence[Symbol], outputs: Sequence[Symbol], rows: np.ndarray) -> np.ndarray:
-    """The outputs, of each row with numbers for x."""
+    """The outputs (rows, outputs) at each row (x,) of numbers."""
     from .compiler.kernels import kernel, placed
 
-    made = kernel(placed("a", x), list(outputs))
+    evaluate = kernel(placed("a", x), list(outputs))
     rows = np.ascontiguousarray(rows)
-    return np.array([made(row, row) for row in rows]).reshape(len(rows), len(outputs))
+    return np.array([evaluate(row, row) for row in rows]).reshape(len(rows), len(outputs))

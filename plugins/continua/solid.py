@@ -44,12 +44,12 @@ class Solid(Canonical):
         heat = self.theta0 * (self.expansion * J + c * (np.exp((s - self.expansion * J) / c) - 1))
         return (z.p**2 / (2 * self.mass[:, None])).sum() + (self.weight * (self.stored(z, C, J) + heat)).sum()
 
-    def here(self, theta: Any) -> Any:
+    def at_points(self, theta: Any) -> Any:
         """Temperature at each point."""
         return (theta[self.of] * self.shape).sum(axis=1)
 
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
-        slope = np.einsum("ga,gai->gi", dE.s[self.of], self.slopes) / self.here(dE.s)[:, None]
+        slope = np.einsum("ga,gai->gi", dE.s[self.of], self.slopes) / self.at_points(dE.s)[:, None]
         flux = self.conductivity * slope
         along = np.einsum("gi,gai->ga", flux, self.slopes)
         heat = (flux * slope).sum(axis=1)
@@ -72,7 +72,7 @@ class Viscous(Solid):
 
     def irreversible(self, z: Any, dE: Any, dS: Any) -> Any:
         rate = -dE.A / (self.viscosity * self.weight[:, None, None])
-        heat = -(rate * dE.A).sum(axis=(1, 2)) / self.here(dE.s)
+        heat = -(rate * dE.A).sum(axis=(1, 2)) / self.at_points(dE.s)
         conducted = super().irreversible(z, dE, dS).s
         return {"A": rate, "s": conducted + self.of.sums(heat[:, None] * self.shape)}
 

@@ -131,7 +131,7 @@ class _Condition:
             return f"the entropy falls everywhere: is a sign wrong? {rule[0].upper()}{rule[1:]}"
         parts = {name: float(self.terms[a:b].sum()) for name, (a, b, _) in model.layout.items()}
         shown = " + ".join(f"({value:.3g} of {name})" for name, value in parts.items() if value)
-        return f"{rule} At worst {self.covector} . rate = {shown}, at {told_state(model, self.state)}."
+        return f"{rule} At worst {self.covector} . rate = {shown}, at {state_in_words(model, self.state)}."
 
 
 CONDITIONS: tuple[tuple[str, str, str, str], ...] = (  # claim, source, formula of the rate, covector
@@ -234,7 +234,7 @@ def _random_covectors(model: System) -> tuple[Kernel, int]:
         return kernel(placed("a", [*z, *factors]) | sym.constant_symbols(), outputs), len(factors)
 
 
-def told_state(model: System, z: Any) -> str:
+def state_in_words(model: System, z: Any) -> str:
     """The first numbers of a state in words."""
     names = model.component_names
     shown = [f"{name} = {value:.4g}" for name, value in zip(names[:6], np.asarray(z), strict=False)]

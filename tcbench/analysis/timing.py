@@ -84,7 +84,7 @@ def warm_up(integrator: Integrator, scenario: Scenario, controls: Iterable[Mappi
         key = integrator.name, scenario.model.structure, control.get("tolerance")
         if key not in _WARM:
             _WARM.add(key)
-            with shared_runs.made_anew():
+            with shared_runs.unshared():
                 simulate(integrator, scenario.replace(t_end=control.get("dt", 1e-3 * scenario.t_end)), **control)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.structure import constant, rates_of, relative, told_state, written
+from ..analysis.structure import constant, rates_of, relative, state_in_words, written
 from ..analysis.theorems import SEED, admissible_states
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
@@ -45,7 +45,7 @@ def far(scenario: Scenario) -> Line:
     if not (found := _violated(scenario, FAR)):
         return Line("far out", OK, f"the conditions hold {FAR:g} times as far from the start")
     formula, defect, z = found
-    where = f"at {told_state(model, z)}"
+    where = f"at {state_in_words(model, z)}"
     if defect:
         said = f"{written(model, formula)}: an identity that holds near the start is violated by {defect:.1e} {where}"
         return Line("far out", FAIL, said, "Identities hold at every state. Is there a branch in disguise?")
@@ -216,7 +216,7 @@ def temperatures(scenario: Scenario) -> Line:
             return Line("temperatures", NONE, found, "If it is a mean of several, this is all right.")
         least, most = (of[0] for of in bounds)
         those = f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
-        found += f", nor between them: {theta[0, k]:.4g} for {those} at {told_state(model, states[0])}"
+        found += f", nor between them: {theta[0, k]:.4g} for {those} at {state_in_words(model, states[0])}"
         return Line("temperatures", FAIL, found, "It is dE by dS: dE.s where S = s, 1 / dS.u where E = u.")
     return _stable(model, known, states) or Line("temperatures", OK, "each is dE / dS of a variable")
 
@@ -235,7 +235,7 @@ def _stable(model: System, known: Any, states: Any) -> Line | None:
             here, there = (float(np.asarray(model.temperatures(state))[k]) for state in (z, z + more))
             if there < here * (1 - STEP**2):
                 name = model.component_names[i]
-                where = f"at {told_state(model, z)}"
+                where = f"at {state_in_words(model, z)}"
                 found = f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, {where}"
                 return Line("temperatures", NONE, found, "A heat capacity below 0 is unstable. Is it meant?")
     return None

@@ -74,14 +74,14 @@ class ArrayKernel:
         """A path: where it leads, as numbers or as places in records; or the places of a loop's terms side by side."""
         if what == "places":
             return np.stack([places[k] for k in which], 1).ravel()
-        found = mesh.along(which[0]).clip(0)
+        targets = mesh.along(which[0]).clip(0)
         if what == "path":
-            return found
+            return targets
         sizes = np.array([mesh.size(x) for x in which[0][-1].target.split("+")])
         room = np.cumsum(-sizes % LANES) - -sizes % LANES  # that is left in the records before each part
-        found += room[np.searchsorted(np.cumsum(sizes), found, "right")]
-        lane = found % LANES
-        return np.pad((found - lane) * self.rows[which[1]] + lane, (0, -len(found) % LANES))
+        targets += room[np.searchsorted(np.cumsum(sizes), targets, "right")]
+        lane = targets % LANES
+        return np.pad((targets - lane) * self.rows[which[1]] + lane, (0, -len(targets) % LANES))
 
 
 def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], behind: bool = False) -> ArrayKernel:
@@ -148,17 +148,17 @@ class Writer:
     ) -> None:  # fmt: skip
         self.behind = behind
         self.inputs, self.terms_at = inputs, terms_at
-        given = stored(inputs)
-        self.outputs, self.terms = gathered(given, outputs, terms)
+        placed = stored(inputs)
+        self.outputs, self.terms = gathered(placed, outputs, terms)
         self.head: dict[tuple[Any, ...], int] = {}
         self.arrays: list[str] = []
         self.rows: dict[str, int] = {}
         self.counter: Iterator[int] = count()
         self.buffer: Place | None = None  # for the slopes of a group of terms
-        self._plan(given)
+        self._plan(placed)
 
-    def _plan(self, given: dict[int, Any]) -> None:
-        self.stored, self.given = given, set(given)
+    def _plan(self, placed: dict[int, Any]) -> None:
+        self.stored, self.given = placed, set(placed)
         self.names: dict[int, str] = {}
         self.nodes = topological(_wanted(self.outputs, self.terms), self.given)
         self.level = self._levels()

@@ -114,13 +114,13 @@ class Loop:
 
     def read(self, place: Any) -> str:
         """What stands there for this entry."""
-        found: str = self.w.item(place, self.i)
-        return found
+        text: str = self.w.item(place, self.i)
+        return text
 
     def taken(self, place: Any, path: Path) -> str:
         """What stands there for the entry to which a path leads."""
-        found: str = self.w.item(place, self.index(path))
-        return found
+        text: str = self.w.item(place, self.index(path))
+        return text
 
     def value(self, x: Symbol) -> str:
         if x.number not in self.names:

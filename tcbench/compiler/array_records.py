@@ -113,10 +113,10 @@ class Part(Writer):
 
     def record(self, place: Slot) -> str:
         """Where the records begin, at this order."""
-        found = self.slot("record", place.space) + (f" + {LANES} * {place.order}" if place.order else "")
+        text = self.slot("record", place.space) + (f" + {LANES} * {place.order}" if place.order else "")
         if place.before:
-            found += f" + {self.slot('padded', place.before)} * {self.slot('rows', place.space)}"
-        return found
+            text += f" + {self.slot('padded', place.before)} * {self.slot('rows', place.space)}"
+        return text
 
     def lanes(self, place: Slot, path: Path) -> str:
         """Where its table has the places in these records to which a path leads."""
@@ -150,17 +150,17 @@ class Middle(Part):
                 if isinstance(place, Slot) and x.op != "part":
                     self.stored.setdefault(x.number, place)
         kept = self._read_elsewhere() | set(self.places)
-        made = [x for x in self.nodes if x.number not in self.given]
-        for node in made:
+        computed = [x for x in self.nodes if x.number not in self.given]
+        for node in computed:
             if node.op in ("collect", "total", *WHOLE):
                 kept |= {node.number, *(a.number for a in node.args)}
-        for node in (x for x in made if x.op == "join"):
+        for node in (x for x in computed if x.op == "join"):
             whole = self.stored.setdefault(node.number, self._array(node))
             for k, x in enumerate(node.args):
                 if x.space and x.number not in self.given:
                     self.places.setdefault(x.number, []).append(part_of(whole, k))
                     self.stored.setdefault(x.number, part_of(whole, k))
-        for node in made:
+        for node in computed:
             if node.op == "part":
                 self.stored[node.number] = part_of(self.stored[node.args[0].number], node.value[0])
             elif node.number in kept and node.space and node.number not in self.stored:
@@ -226,19 +226,19 @@ class Middle(Part):
 
     def convolutions(self, nodes: Sequence[Symbol], names: dict[int, str], records: Mapping[str, str]) -> list[str]:
         """A loop that makes some, of one n. records: where those of a space begin that are gone through in lanes."""
-        first, lines, known, (n,) = list[str](), list[str](), dict[Any, str](), {x.value[2] for x in nodes}
+        first, lines, name_of, (n,) = list[str](), list[str](), dict[Any, str](), {x.value[2] for x in nodes}
         j = self.fresh("j")
 
         def factor(kept: Any, order: str) -> str:
             begin, key = (kept.space, order), (kept, order)
-            if begin not in known:
-                known[begin] = self.fresh("u")
+            if begin not in name_of:
+                name_of[begin] = self.fresh("u")
                 at = records.get(kept.space) or self.slot("record", kept.space)
-                lines.append(f"{known[begin]} = {at} + {LANES} * {order}")
-            if key not in known:
-                known[key], at = self.fresh("v"), f"{known[begin]} + {LANES * kept.row}"
-                lines.append(f"{known[key]} = {f'row(s, {at}, {LANES})' if kept.space else f's[{at}]'}")
-            return known[key]
+                lines.append(f"{name_of[begin]} = {at} + {LANES} * {order}")
+            if key not in name_of:
+                name_of[key], at = self.fresh("v"), f"{name_of[begin]} + {LANES * kept.row}"
+                lines.append(f"{name_of[key]} = {f'row(s, {at}, {LANES})' if kept.space else f's[{at}]'}")
+            return name_of[key]
 
         for node in nodes:
             names[node.number] = name = self.fresh("v")
@@ -286,8 +286,8 @@ class Lanes(Loop):
     def at(self, place: Slot) -> str:
         """Where its row is."""
         if place.space != self.space:
-            found: str = self.w.row(place, self.i)
-            return found
+            text: str = self.w.row(place, self.i)
+            return text
         return f"{self.at_k if place.order else self.now} + {LANES * place.row}"
 
     def read(self, place: Slot) -> str:
@@ -297,8 +297,8 @@ class Lanes(Loop):
         key = path, place._replace(row=0)
         if key not in self.ways:
             self.ways[key] = [self.w.fresh("j") for _ in range(LANES)]
-            there = f"{self.w.record(place)} + table[{self.w.lanes(place, path)} + {self.i}"
-            self.lines += [f"{j} = {there} + {lane}]" for lane, j in enumerate(self.ways[key])]
+            address = f"{self.w.record(place)} + table[{self.w.lanes(place, path)} + {self.i}"
+            self.lines += [f"{j} = {address} + {lane}]" for lane, j in enumerate(self.ways[key])]
         return f"vector({', '.join(f's[{j} + {LANES * place.row}]' for j in self.ways[key])})"
 
     def _one_by_one(

@@ -125,8 +125,8 @@ def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any
             "edited meanwhile, the plugin writes beside its own file, or this machine has another version. Run again, "
             "and what they say now is measured."
         )
-    with foresight.within(context.get("timeout")), shared_runs.kept_in(context.get("shared_runs")):
-        return measured(method, scenario, cell) | {"shared_runs": shared_runs.found()}
+    with foresight.within(context.get("timeout")), shared_runs.shared_in(context.get("shared_runs")):
+        return measured(method, scenario, cell) | {"shared_runs": shared_runs.reads()}
 
 
 def measured(method: Integrator, scenario: Scenario, cell: Mapping[str, Any]) -> dict[str, Any]:

@@ -170,7 +170,7 @@ def faces_of(model: System, z0: Any) -> tuple[Mesh, NDArray[np.int64], NDArray[n
     return (mesh, seen, corners.reshape(faces.shape), owner) if len(faces) <= MAX_FACES else None
 
 
-def kept(run: Trajectory) -> dict[str, list[float | None]]:
+def mesh_columns(run: Trajectory) -> dict[str, list[float | None]]:
     """Columns of the mesh at some times, NUMBERS numbers or two states: `t`, `number`, the point `x`, `y`, `z` of that
     number and the `temperature` of the face of that number; None beyond the last point or face. {} without a mesh."""
     if (mesh_faces := faces_of(run.scenario.model, run.z[0])) is None:

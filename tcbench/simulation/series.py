@@ -56,15 +56,15 @@ def columns(run: Trajectory, keep: Any = slice(None)) -> dict[str, np.ndarray]:
         return table | {f"temperature_{end}": of(theta, axis=1) for end, of in ENDS.items()}
     for letter, theta in zip(LETTERS, run.temperatures[keep].T, strict=False):
         table[f"temperature_{letter}"] = theta
-    return table | model.told_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])
+    return table | model.columns_in_time(run.z[keep]) | drawn(model, run.z[0], run.z[keep])
 
 
-def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]]]:
+def row_parts(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]]]:
     """What a row keeps of a run that recorded every state: some `points` states, and the first ones, rounded.
 
     "series" has the columns of every k-th state and of the last one, and `distance_to_exact` as exact_error. "opening",
     where k > 1, has positions and temperatures of the first `points` steps: every twentieth state draws no path.
-    "fields" is that of `fields.kept`, of systems with a mesh.
+    "fields" is that of `fields.mesh_columns`, of systems with a mesh.
     """
     stride = max(1, run.scenario.steps(run.dt) // points) if run.dt > 0 else 1
     last = len(run.t) - 1
@@ -77,7 +77,7 @@ def kept(run: Trajectory, points: int = POINTS) -> dict[str, dict[str, list[Any]
         laws = {"energy", "entropy", *run.invariants}
         states = {n: v for n, v in opening.items() if n not in laws and not n.endswith(LOST)}
         parts["opening"] = _rounded(states)
-    if mesh := fields.kept(run):  # which is drawn in the place of the system's own picture
+    if mesh := fields.mesh_columns(run):  # which is drawn in the place of the system's own picture
         parts = {part: {n: v for n, v in of.items() if not n.startswith("at_")} for part, of in parts.items()}
         parts["fields"] = mesh
     return parts

@@ -28,7 +28,7 @@ MOST_NUMBERS = 100_000  # of the states of a run that is shared
 MOST_ARRAYS = 4_000_000  # numbers of arrays that are shared: 32 MB
 
 _folder: Path | None = None
-_found = 0
+_reads = 0
 _work_s = 0.0
 
 
@@ -50,18 +50,18 @@ class Solved:
 
 
 @contextmanager
-def kept_in(folder: str | None) -> Iterator[None]:
+def shared_in(folder: str | None) -> Iterator[None]:
     """Within, runs are shared through this folder; None: they are not shared."""
-    global _folder, _found
+    global _folder, _reads
     outer, _folder = _folder, Path(folder) if folder else None
-    _found = 0 if outer is None else _found
+    _reads = 0 if outer is None else _reads
     try:
         yield
     finally:
         _folder = outer
 
 
-made_anew = partial(kept_in, None)  # within, runs are not shared
+unshared = partial(shared_in, None)  # within, runs are not shared
 
 
 def are_shared() -> bool:
@@ -69,9 +69,9 @@ def are_shared() -> bool:
     return _folder is not None
 
 
-def found() -> int:
-    """Number of runs that were read, not made, since the outermost `kept_in`."""
-    return _found
+def reads() -> int:
+    """Number of runs that were read, not made, since the outermost `shared_in`."""
+    return _reads
 
 
 def used(run: Solved) -> None:
@@ -87,13 +87,13 @@ def work_s() -> float:
 
 def recorded(name: str, scenario: Scenario, tolerance: float) -> Solved | None:
     """The run of this solver, if it was made before."""
-    global _found
+    global _reads
     if _folder is None:
         return None
     with suppress(OSError, ValueError, KeyError):
         data = json.loads(_place(_folder, name, scenario, tolerance).read_text(encoding="utf-8"))
         states = np.array(data.pop("states"), dtype=float).reshape(-1, scenario.model.size)
-        _found += 1
+        _reads += 1
         return Solved(states, **data)
     return None
 

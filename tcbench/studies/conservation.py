@@ -78,7 +78,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     run = simulate(integrator, scenario, **extra)
     row = metrics.conservation(run) | errors_against_exact(run)
     if run.wall_time_s < SHORT_S and row["us_per_step"] > 0:  # timed again: all is loaded, and without residuals
-        with shared_runs.made_anew():
+        with shared_runs.unshared():
             again = simulate(
                 integrator, scenario, **(extra if adaptive else {"dt": options["dt"], "record_every": None})
             )
@@ -86,7 +86,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     row |= _of_plugins(run, row)
     if options.get("sweep"):
         return row | {"numbers": scenario.numbers()}
-    return row | series.kept(run) if _drawn(scenario, options) else row
+    return row | series.row_parts(run) if _drawn(scenario, options) else row
 
 
 def _of_plugins(run: Trajectory, row: Row) -> Row:

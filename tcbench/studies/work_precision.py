@@ -188,10 +188,10 @@ def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> C
 
     def run(first: bool) -> tuple[Row, float]:
         if first:
-            known = shared_runs.found()
+            known = shared_runs.reads()
             result = simulate(integrator, scenario, tolerance=tolerance)
             work = shared_runs.work_s()
-            if shared_runs.found() > known and result.ok:  # nothing has been loaded or compiled
+            if shared_runs.reads() > known and result.ok:  # nothing has been loaded or compiled
                 integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=result.summary.energy_error_max,
@@ -215,7 +215,7 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
     """Make the runs that tell the errors in the invariants, and leave them for the timed cell; how many."""
     if not shared_runs.are_shared():
         return 0
-    with shared_runs.made_anew():  # and whatever that loads
+    with shared_runs.unshared():  # and whatever that loads
         simulate(integrator, scenario, t_end=WARM * scenario.t_end, tolerance=TOLERANCES[0])
     made, slow = 0, list[bool]()
     while made < len(TOLERANCES) and not any(slow) and len(slow) < SLOW_FAILURES:

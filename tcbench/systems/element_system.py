@@ -184,7 +184,7 @@ class ElementSystem(ThermalVariables, System):
         state = self.state(np.asarray(z, dtype=float))
         return {"positions": (*state.q,), "momenta": (*state.p,), "temperatures": (*self.temperatures(state),)}
 
-    def told_in_time(self, z: Any) -> dict[str, Any]:
+    def columns_in_time(self, z: Any) -> dict[str, Any]:
         """Columns in time of the states z (m, size): log strains and points in the plane of springs, else positions."""
         q, log_strain = np.asarray(z)[:, : self.n_positions], getattr(self, "log_strain", None)
         if log_strain is None:

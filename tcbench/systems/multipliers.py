@@ -58,7 +58,7 @@ class Multipliers:
         """The name of each constraint's multiplier, m of them."""
         return [name for name, size in sizes(self.system).items() for _ in range(size)]
 
-    def told(self, k: int) -> str:
+    def named(self, k: int) -> str:
         """Constraint k in words: 'lam', or 'number 2 of 3 of lam'."""
         name = self.names[k]
         of = self.names.count(name)
@@ -117,7 +117,7 @@ class Multipliers:
 
     def group(self, numbers: list[int]) -> str:
         """Several constraints in words."""
-        *first, last = map(self.told, numbers)
+        *first, last = map(self.named, numbers)
         return f"{', '.join(first)} and {last}" if first else last
 
     def consistent(self, z: Any) -> Any:
@@ -172,13 +172,13 @@ def check_start(system: System, z0: Any) -> None:
         if not abs(residual[k]) <= allowed:
             raise TcbenchError(
                 f"System {system.name!r}: at the start {'the rate of constraints(z)' if rate else 'constraints(z)'} is "
-                f"{residual[k]:.2g}, not 0 ({solved.told(k)}): {_cure(system, solved, z0)}"
+                f"{residual[k]:.2g}, not 0 ({solved.named(k)}): {_cure(system, solved, z0)}"
             )
     inertia = solved.at(z0)[3]
     own = np.abs(inertia.diagonal())
     if not own.min() > HELD:
         raise TcbenchError(
-            f"System {system.name!r}: at the start no force holds {solved.told(int(np.argmin(own)))}: constraints(z) "
+            f"System {system.name!r}: at the start no force holds {solved.named(int(np.argmin(own)))}: constraints(z) "
             "is constant there (a square has no slope where it is 0: write what is squared), or of what has no inertia."
         )
     if redundant := solved.redundant(inertia):
@@ -187,7 +187,7 @@ def check_start(system: System, z0: Any) -> None:
         among = [k for k in group if k != redundant[0]]
         raise TcbenchError(
             f"System {system.name!r}: of its {m} constraints {m - len(redundant)} are independent at the start; "
-            f"{solved.told(redundant[0])} says nothing that {solved.group(among) if among else 'the others'} do not, "
+            f"{solved.named(redundant[0])} says nothing that {solved.group(among) if among else 'the others'} do not, "
             "so that the multipliers are not unique: leave it out, or start where its direction differs from theirs (a "
             "linkage that lies flat: beside the line)."
         )

@@ -187,7 +187,7 @@ class System(Formulas):
         state = self.state(np.asarray(z, dtype=float))
         return {"initial": {name: getattr(state, name) for name in self.variables}}
 
-    def told_in_time(self, z: Any) -> dict[str, Any]:
+    def columns_in_time(self, z: Any) -> dict[str, Any]:
         """Columns of charts, name -> (m,), of states z (m, size): the variables, one number each."""
         return dict(zip(self.component_names, np.asarray(z).T, strict=True))
 

@@ -77,7 +77,7 @@ def test_tables_have_it_and_a_sentence_says_it():
 def test_within_a_run_the_exact_course_is_computed_once(tmp_path, monkeypatch):
     run = tcbench.simulate("tc_monolithic", "short_term", dt=0.3)
     alone = errors_against_exact(run)
-    with shared_runs.kept_in(str(tmp_path)):
+    with shared_runs.shared_in(str(tmp_path)):
         assert errors_against_exact(run) == alone
         monkeypatch.setattr("tcbench.simulation.against_exact.path_of", None)  # cannot be called
         assert errors_against_exact(run) == alone and alone["t_compared"] > 1.0

@@ -72,7 +72,7 @@ MESHES = [("ring[n=8]", 0.1, 0.05), ("net[nx=3,ny=2]", 1.0, 0.5), ("truss3d", 0.
 def test_a_row_keeps_a_mesh_in_time_with_the_temperature_of_each_line(name, t_end, dt):
     """Of nets and trusses coordinates were taken for places."""
     run = tcbench.simulate("midpoint_entropy", name, t_end=t_end, dt=dt)
-    kept, faces = series.kept(run), np.array(scenario_facts(run.scenario)["faces"])
+    kept, faces = series.row_parts(run), np.array(scenario_facts(run.scenario)["faces"])
     table = pd.DataFrame(kept["fields"])
     assert not [column for column in kept["series"] if column.startswith("at_")]  # said once
     for t, theta, z in zip(run.t, run.temperatures, run.z, strict=True):

@@ -23,7 +23,7 @@ SHORT = tcbench.scenarios()["short_term"]
 @pytest.mark.parametrize("steps, states, opening", [(50, 51, False), (400, 201, True), (1000, 201, True)])
 def test_a_row_keeps_some_180_states_and_the_first_steps(steps, states, opening):
     run = tcbench.simulate("tc_monolithic", SHORT, dt=0.01, t_end=steps * 0.01)
-    kept = series.kept(run)
+    kept = series.row_parts(run)
     t = kept["series"]["t"]
     assert len(t) == states and t[0] == 0 and t[-1] == pytest.approx(run.t[-1]) and all(np.diff(t) > 0)
     assert ("opening" in kept) == opening
@@ -35,7 +35,7 @@ def test_a_row_keeps_some_180_states_and_the_first_steps(steps, states, opening)
 
 def test_what_is_kept_is_the_run_to_nine_digits_and_its_losses_to_six():
     run = tcbench.simulate("midpoint_temperature", SHORT, dt=0.05)
-    whole, kept = series.trajectory(run), pd.DataFrame(series.kept(run)["series"])
+    whole, kept = series.trajectory(run), pd.DataFrame(series.row_parts(run)["series"])
     rows = np.searchsorted(run.t, kept["t"] - 1e-9)
     for name in kept.columns.drop("exact_error"):
         lost = name.endswith(("_error", "_fall", "_rise"))
@@ -49,9 +49,9 @@ def test_what_is_kept_is_the_run_to_nine_digits_and_its_losses_to_six():
 
 def test_a_failed_run_ends_where_it_failed_and_no_column_is_empty():
     run = tcbench.simulate("midpoint_entropy", "stiff_spring")
-    kept = series.kept(run)["series"]
+    kept = series.row_parts(run)["series"]
     assert kept["t"][-1] == pytest.approx(run.t[-1]) and len(kept["t"]) == len(run.t)
-    gas = series.kept(tcbench.simulate("tc_monolithic", "gas_containers"))["series"]
+    gas = series.row_parts(tcbench.simulate("tc_monolithic", "gas_containers"))["series"]
     assert "angular_momentum" not in gas and len(gas["q_1"]) == len(gas["t"])
     assert all(np.isfinite(values).all() for name, values in gas.items() if name != "exact_error")
     known = np.isfinite(gas["exact_error"])
@@ -61,7 +61,7 @@ def test_a_failed_run_ends_where_it_failed_and_no_column_is_empty():
 def test_of_many_temperatures_the_range_and_the_mean_are_kept_and_drawn_as_a_band():
     """The page of a net showed its laws alone."""
     run = tcbench.simulate("tc_monolithic", "net[nx=5,ny=5]", dt=0.1, t_end=1.0)
-    kept, theta = series.kept(run)["series"], run.temperatures
+    kept, theta = series.row_parts(run)["series"], run.temperatures
     assert theta.shape[1] == 42 and "temperature_a" not in kept
     for end, of in series.ENDS.items():
         assert np.allclose(kept[f"temperature_{end}"], of(theta, axis=1), rtol=1e-8)

@@ -85,19 +85,19 @@ def test_a_run_is_made_once_and_measured_as_if_it_were_ones_own(tmp_path):
         folder.mkdir()
         method = resting(calls, 2 * shared_runs.SHORTEST_S, fail)
         alone = tcbench.simulate(method, SCENARIO)
-        with shared_runs.kept_in(str(folder)):
+        with shared_runs.shared_in(str(folder)):
             made = tcbench.simulate(method, SCENARIO)
-            assert shared_runs.found() == 0
-        with shared_runs.kept_in(str(folder)):
+            assert shared_runs.reads() == 0
+        with shared_runs.shared_in(str(folder)):
             read = tcbench.simulate(method, SCENARIO)
-            assert shared_runs.found() == 1 and read.wall_time_s == made.wall_time_s
+            assert shared_runs.reads() == 1 and read.wall_time_s == made.wall_time_s
             assert same(made, alone) and same(read, alone) and len(calls) == 2
-            with shared_runs.made_anew():
+            with shared_runs.unshared():
                 tcbench.simulate(method, SCENARIO)
             tcbench.simulate(method, SCENARIO, tolerance=1e-3)
             tcbench.simulate(method, SCENARIO, t_end=0.9)
             tcbench.simulate(method, SCENARIO.replace(blowup_factor=2.0))
-            assert shared_runs.found() == 1 and len(calls) == 6
+            assert shared_runs.reads() == 1 and len(calls) == 6
         tcbench.simulate(method, SCENARIO)
         assert len(calls) == 7  # nobody to share with
 
@@ -110,7 +110,7 @@ def test_a_failure_of_a_solver_is_shared_too(tmp_path):
         time.sleep(2 * shared_runs.SHORTEST_S)
         raise ArithmeticError("never")
 
-    with shared_runs.kept_in(str(tmp_path)):
+    with shared_runs.shared_in(str(tmp_path)):
         one, other = (tcbench.simulate(Integrator(name="failing", adaptive=failing), SCENARIO) for _ in range(2))
     assert len(calls) == 1 and one.status == other.status == "nonconverged" and one.failure == other.failure
 
