@@ -26,11 +26,10 @@ from .derivatives import (
     reciprocal,
     topological,
 )  # fmt: skip
-from .divided_differences import Corners, rectangle
+from .divided_differences import FEW, GROWING, Corners, factors, log_slope, rectangle
 from .kinks import argument_of_sign, slope_of_sign
 
 ZERO, ONE = const(0.0), const(1.0)
-MANY = 4.0  # degree above which a node may be so much smaller at its end that start + increment loses its digits
 
 
 def gradient(output: Symbol, inputs: Sequence[Symbol]) -> list[Symbol]:
@@ -61,7 +60,7 @@ def discrete_gradient(
         ends = [edges[a.number] for a in node.args]
         value = rebuild(node.op, tuple(edge.value for edge in ends), node.value)
         degrees[node.number] = _degree(node, [degrees.get(a.number, 0.0) for a in node.args])
-        grows = degrees[node.number] > MANY
+        grows = degrees[node.number] > FEW
         at_end = rebuild(node.op, tuple(edge.end for edge in ends), node.value) if grows else None
         if node.op in arrays.LINEAR:
             edges[node.number] = Edge(value, rebuild(node.op, tuple(edge.step for edge in ends), node.value), at_end)
@@ -81,7 +80,7 @@ def _degree(node: Symbol, of: Sequence[float]) -> float:
         return sum(of)
     if node.op == "pow":
         return abs(node.args[1].value) * of[0] if is_const(node.args[1]) else math.inf
-    if node.op in ("exp", "expm1", "sinh", "cosh", "tan"):
+    if node.op in GROWING:
         return math.inf
     if node.op in ("log", "log1p", "sin", "cos", "tanh", "atan", "atan2"):
         return 1.0
@@ -114,7 +113,9 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
     if op == "mul":
         of = argument_of_sign(node)
         if of is None:
-            return _of_product(x, edges[1])
+            if x.at_end is None or edges[1].at_end is None:
+                return edges[1].middle, x.middle
+            return factors(x.value, x.at_end, edges[1].value, edges[1].at_end)
         first = node.args[0] is of
         jump = slope_of_sign((own := edges[not first]).value, own.end)
         return (jump, ZERO) if first else (ZERO, jump)
@@ -143,23 +144,12 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
     return (_of_function(op, x),)
 
 
-def _of_product(a: Edge, b: Edge) -> tuple[Symbol, Symbol]:
-    """Divided differences of a b: the midpoints of b and of a. Where one may grow as the other shrinks, 2 b b1/(b + b1)
-    by a and (a b + a1 b1)/(b + b1) by b, whose products with the increments are no larger than a b itself."""
-    for x, y in ((a, b), (b, a)):
-        if x.at_end is not None and y.at_end is not None and (y.value.positive or y.value.op == "recip"):
-            below = reciprocal(y.value + y.end + ops.TINIER)
-            slopes = 2.0 * y.value * (y.end * below), (x.value * y.value + x.end * y.end) * below
-            return slopes if y is b else slopes[::-1]
-    return b.middle, a.middle
-
-
 def _of_function(op: str, x: Edge) -> Symbol:
     """The divided difference of an elementary function of one argument."""
     if op == "log" and x.at_end is not None:
-        return reciprocal(x.value * ONE.make("phi", x.at_end.log() - x.value.log()))
+        return log_slope(x.value, x.at_end)
     if op == "log1p" and x.at_end is not None:
-        return reciprocal((x.value + 1.0) * ONE.make("phi", x.at_end.log1p() - x.value.log1p()))
+        return log_slope(x.value + 1.0, x.at_end + 1.0)
     rule = ops.OPERATIONS[op].difference if op in ops.OPERATIONS else None
     if x.at_end is not None and callable(rule) and ops.OPERATIONS[op].arguments == 1:
         slope: Symbol = rule(x.value, x.at_end, x.step)

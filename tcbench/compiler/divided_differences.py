@@ -8,8 +8,9 @@ Romero (2009), eqs. (27)-(33), needs just the averages of opposite edges.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial, reduce
 from typing import Any
 
@@ -20,6 +21,8 @@ from .kinks import sign, slope_of_sign
 from .ops import TINY
 
 ZERO = const(0.0)
+FEW = 4.0  # degree above which a node may be so much smaller at its end that start + increment loses its digits
+GROWING = ("exp", "expm1", "sinh", "cosh", "tan")  # and so may these, whatever they are taken of
 HIGH = 6  # repeated square roots after which even the smallest number is above a tenth: see `TINY`
 _RULED = ", ".join(row.numpy for row in ops.OPERATIONS.values() if row.difference).replace("fabs", "abs")
 RULES = (
@@ -33,7 +36,8 @@ Rule = Callable[[Symbol, Symbol, Symbol, Symbol], Symbol]
 
 @dataclass(frozen=True, eq=False)
 class Corners(Choosing):
-    """A function of (pi, s) on a rectangle: value at (0, 0) and slopes along the edges."""
+    """A function of (pi, s) on a rectangle: value at (0, 0) and slopes along the edges. Of what may grow or shrink by
+    orders of magnitude, whose increments leave nothing of the end, ends are the values at (1, 0), (0, 1), (1, 1)."""
 
     value: Symbol
     pi_at_s0: Symbol
@@ -42,23 +46,20 @@ class Corners(Choosing):
     s_at_pi1: Symbol
     dpi: Symbol
     ds: Symbol
+    ends: tuple[Symbol, ...] | None = None
 
     @property
-    def value_10(self) -> Symbol:
-        return self.value + self.dpi * self.pi_at_s0
-
-    @property
-    def value_01(self) -> Symbol:
-        return self.value + self.ds * self.s_at_pi0
-
-    @property
-    def value_11(self) -> Symbol:
-        return self.value_10 + self.ds * self.s_at_pi1
+    def corners(self) -> tuple[Symbol, ...]:
+        """The values at (1, 0), (0, 1) and (1, 1)."""
+        if self.ends is not None:
+            return self.ends
+        v10 = self.value + self.dpi * self.pi_at_s0
+        return v10, self.value + self.ds * self.s_at_pi0, v10 + self.ds * self.s_at_pi1
 
     @property
     def edges(self) -> tuple[tuple[Symbol, Symbol, Symbol, Symbol], ...]:
         """(value at A, value at B, slope, increment) of the four edges."""
-        v00, v10, v01, v11 = self.value, self.value_10, self.value_01, self.value_11
+        v00, (v10, v01, v11) = self.value, self.corners
         return (
             (v00, v10, self.pi_at_s0, self.dpi),
             (v01, v11, self.pi_at_s1, self.dpi),
@@ -66,12 +67,16 @@ class Corners(Choosing):
             (v10, v11, self.s_at_pi1, self.ds),
         )
 
-    def _with(self, value: Symbol, slopes: list[Symbol]) -> Corners:
+    def _with(self, value: Symbol, slopes: list[Symbol], at: Any = None, *x: Corners) -> Corners:
+        """at: the value where it grows, if one of the arguments self, x, ... does."""
         a, b, c, d = slopes
-        return Corners(value, a, b, c, d, self.dpi, self.ds)
+        found = Corners(value, a, b, c, d, self.dpi, self.ds)
+        if at is None or all(y.ends is None for y in (self, *x)):
+            return found
+        return replace(found, ends=tuple(map(at, self.corners, *(y.corners for y in x))))
 
-    def _apply(self, value: Symbol, rule: Rule) -> Corners:
-        return self._with(value, [rule(*edge) for edge in self.edges])
+    def _apply(self, value: Symbol, rule: Rule, at: Callable[..., Symbol] | None = None) -> Corners:
+        return self._with(value, [rule(*edge) for edge in self.edges], at)
 
     def lifted(self, other: Any) -> Corners:
         if isinstance(other, Corners):
@@ -83,7 +88,8 @@ class Corners(Choosing):
 
     def __add__(self, other: Any) -> Corners:
         b = self.lifted(other)
-        return self._with(self.value + b.value, [x[2] + y[2] for x, y in zip(self.edges, b.edges, strict=True)])
+        slopes = [x[2] + y[2] for x, y in zip(self.edges, b.edges, strict=True)]
+        return self._with(self.value + b.value, slopes, operator.add, b)
 
     __radd__ = __add__
 
@@ -91,7 +97,7 @@ class Corners(Choosing):
         return self
 
     def __neg__(self) -> Corners:
-        return self._with(-self.value, [-slope for _, _, slope, _ in self.edges])
+        return self._with(-self.value, [-slope for _, _, slope, _ in self.edges], operator.neg)
 
     def __sub__(self, other: Any) -> Corners:
         return self + (-self.lifted(other))
@@ -102,13 +108,14 @@ class Corners(Choosing):
     def __mul__(self, other: Any) -> Corners:
         if not isinstance(other, Corners):  # a constant factor: no need for the product rule
             factor = other if isinstance(other, Symbol) else const(float(other))
-            return self._with(factor * self.value, [factor * slope for _, _, slope, _ in self.edges])
-        pairs = zip(self.edges, self.lifted(other).edges, strict=True)
-        slopes = [
-            0.5 * (a0 + a1) * slope_b + 0.5 * (b0 + b1) * slope_a  # exact for products
-            for (a0, a1, slope_a, _), (b0, b1, slope_b, _) in pairs
-        ]
-        return self._with(self.value * other.value, slopes)
+            slopes = [factor * slope for _, _, slope, _ in self.edges]
+            return self._with(factor * self.value, slopes, lambda x: factor * x)
+        b, slopes = self.lifted(other), []
+        grown = self.ends is not None and b.ends is not None
+        for (a0, a1, slope_a, _), (b0, b1, slope_b, _) in zip(self.edges, b.edges, strict=True):
+            by_a, by_b = factors(a0, a1, b0, b1) if grown else (0.5 * (b0 + b1), 0.5 * (a0 + a1))
+            slopes.append(by_b * slope_b + by_a * slope_a)  # exact for products
+        return self._with(self.value * b.value, slopes, operator.mul, b)
 
     __rmul__ = __mul__
 
@@ -120,7 +127,7 @@ class Corners(Choosing):
         return quotient
 
     def _reciprocal(self) -> Corners:
-        return self._apply(1.0 / self.value, lambda a, b, slope, _: -slope / (a * b))
+        return self._apply(1.0 / self.value, lambda a, b, slope, _: -slope / (a * b), lambda x: 1.0 / x)
 
     def __pow__(self, exponent: Any) -> Corners:
         if isinstance(exponent, Corners | Symbol):
@@ -138,6 +145,8 @@ class Corners(Choosing):
         result = one = self.lifted(1.0)
         # of 1/x, not 1 over the power, whose end is what is left of its start: nothing, if that is many times larger
         square, n = self if exponent >= 0 else self._reciprocal(), abs(int(exponent))
+        if square.ends is None and n > FEW:
+            square = replace(square, ends=square.corners)
         while n:
             if n & 1:
                 result = square if result is one else result * square
@@ -146,11 +155,13 @@ class Corners(Choosing):
 
     def root(self) -> Corners:
         """The square root; an end that should be 0 may be negative by round-off."""
-        return self._apply(self.value.sqrt(), lambda a, b, slope, _: slope / (abs(a).sqrt() + abs(b).sqrt()))
+        slope = lambda a, b, slope, _: slope / (abs(a).sqrt() + abs(b).sqrt())  # noqa: E731
+        return self._apply(self.value.sqrt(), slope, lambda x: x.sqrt())
 
     def _by_logarithm(self, exponent: Any) -> Corners:
-        logarithm: Corners = self.log() * exponent
-        return logarithm.exp()
+        power: Corners = (self.log() * exponent).exp()
+        few = self.ends is None and not isinstance(exponent, Corners | Symbol) and abs(exponent) <= FEW
+        return replace(power, ends=None) if few else power
 
     def __rpow__(self, base: Any) -> Corners:
         return (self * lifted(base).log()).exp()
@@ -165,7 +176,8 @@ class Corners(Choosing):
         e10, e01 = e00 + self.dpi * pi_at_s0, e00 + self.ds * s_at_pi0
         pi_at_s1 = e01 * phi(x11_pi) * self.pi_at_s1
         s_at_pi1 = e10 * phi(x11_s) * self.s_at_pi1
-        return self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1])
+        found = self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1])
+        return replace(found, ends=tuple(x.exp() for x in self.corners))
 
     def __abs__(self) -> Corners:
         return self._function(ops.OPERATIONS["abs"])
@@ -184,10 +196,14 @@ class Corners(Choosing):
                 by, by2 = rule(a, b, step * slope, a2, b2, step * slope2)
                 slopes.append(by * slope + by2 * slope2)
             return self._with(value, slopes)
+        at = partial(Symbol.make, row.name)
+        if row.name == "log" and self.ends is not None:
+            return self._apply(value, lambda a, b, slope, _: slope * log_slope(a, b), at)
         if callable(rule):
-            return self._apply(value, lambda a, b, slope, step: slope * rule(a, b, step * slope))
+            found = self._apply(value, lambda a, b, slope, step: slope * rule(a, b, step * slope), at)
+            return replace(found, ends=tuple(map(at, self.corners))) if row.name in GROWING else found
         same: Corners = ops.evaluated(row.same, ops.as_methods(), *x)
-        return self._with(value, [slope for _, _, slope, _ in same.edges])
+        return replace(same, value=value)
 
     def _no_rule(self, *_: object) -> Any:
         raise refused("a branch, a whole number or a float is made of what a divided difference is taken of", RULES)
@@ -206,6 +222,23 @@ class Corners(Choosing):
         raise refused(f"{name!r} has no divided-difference rule, which discrete gradients need of an energy", RULES)
 
 
+def log_slope(a: Symbol, b: Symbol) -> Symbol:
+    """(log b - log a)/(b - a) of numbers that may differ by orders of magnitude; of equal ones with all digits, too."""
+    return 1.0 / (a * Symbol.make("phi", b.log() - a.log()))
+
+
+def factors(a: Symbol, a1: Symbol, b: Symbol, b1: Symbol) -> tuple[Symbol, Symbol]:
+    """(slope by a, slope by b) of a b, of which one may grow as the other shrinks: midpoints would leave the difference
+    of large numbers. With b of one sign 2 b b1/(b + b1) and (a b + a1 b1)/(b + b1) are as exact and no larger than it.
+    """
+    for x, x1, y, y1 in ((a, a1, b, b1), (b, b1, a, a1)):
+        if y.positive or y.op == "recip":
+            below = 1.0 / (y + y1 + ops.TINIER)
+            by_x, by_y = 2.0 * y * (y1 * below), (x * y + x1 * y1) * below
+            return (by_x, by_y) if y is b else (by_y, by_x)
+    return 0.5 * (b + b1), 0.5 * (a + a1)
+
+
 def rectangle(pi0: Symbol, dpi: Symbol, s0: Symbol, ds: Symbol) -> tuple[Corners, Corners]:
     """The two coordinates pi and s on [pi0, pi0 + dpi] x [s0, s0 + ds]."""
     one = const(1.0)
@@ -219,4 +252,4 @@ def symmetrised_slopes(e: Corners) -> tuple[Symbol, Symbol]:
     return 0.5 * (e.pi_at_s0 + e.pi_at_s1), 0.5 * (e.s_at_pi0 + e.s_at_pi1)
 
 
-__all__ = ["Corners", "rectangle", "symmetrised_slopes"]
+__all__ = ["Corners", "factors", "log_slope", "rectangle", "symmetrised_slopes"]

@@ -136,5 +136,7 @@ def test_what_grows_by_many_orders_within_a_quotient_keeps_the_digits_of_its_dis
             (exact(p, d + h) - exact(p, d - h)) / (2 * h),
         ]
     assert found[0] == pytest.approx(float(slopes[0]), rel=1e-12, abs=1e-13)
+    of_numbers = divided_difference(lambda x: STEEP[name](x, np.exp, np.log), a, a + float(b - a))
+    assert of_numbers == pytest.approx(float(slopes[0]), rel=1e-12, abs=1e-13)
     if a != b:
         assert found[1:] == pytest.approx([*map(float, slopes[1:])], rel=1e-8, abs=1e-8)
