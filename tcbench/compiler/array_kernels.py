@@ -25,8 +25,8 @@ from .kernels import Kernel, literal, text_of, written
 from .symbols import Symbol
 
 CHEAP = ("add", "sub", "mul", "neg")
-LANES = 4  # entries that stand side by side in a record: a short vector of AVX2, and of AVX-512 the half of one
-START = {"add": "0.0", "max": "-inf", "min": "inf"}  # of a sum, a maximum, a minimum
+LANES = 4  # entries side by side in a record: a short vector of AVX2, half of one of AVX-512
+START = {"add": "0.0", "max": "-inf", "min": "inf"}  # initial value of a sum, a maximum, a minimum
 
 
 @dataclass
@@ -39,7 +39,7 @@ class ArrayKernel:
     outputs: Sequence[Block]
     arrays: list[str]  # spaces of the intermediate arrays
     behind: bool  # True: intermediate arrays stand behind the outputs; False: each call allocates them
-    rows: Mapping[str, int] = field(default_factory=dict)  # of the records of each space, behind those: `array_orders`
+    rows: Mapping[str, int] = field(default_factory=dict)  # by space, rows of its records behind the arrays
 
     def kernel(self, mesh: Mesh, places: Sequence[Shorts] = (), extra: int = 0) -> Kernel:
         """The kernel for a mesh. places : of a Jacobian's terms, their entries. extra : doubles behind the outputs."""
@@ -71,14 +71,14 @@ class ArrayKernel:
         return Kernel(self.text, size, table, offsets["s"][-1] - size if self.behind else 0)
 
     def _row(self, mesh: Mesh, places: Sequence[Shorts], what: str, which: Sequence[Any]) -> Any:
-        """A path: where it leads, as numbers or as places in records; or the places of a loop's terms side by side."""
+        """A row of the table: the ends of a path, as numbers or places in records; or the places of a loop's terms."""
         if what == "places":
             return np.stack([places[k] for k in which], 1).ravel()
         targets = mesh.along(which[0]).clip(0)
         if what == "path":
             return targets
         sizes = np.array([mesh.size(x) for x in which[0][-1].target.split("+")])
-        room = np.cumsum(-sizes % LANES) - -sizes % LANES  # that is left in the records before each part
+        room = np.cumsum(-sizes % LANES) - -sizes % LANES  # empty lanes in the records before each part
         targets += room[np.searchsorted(np.cumsum(sizes), targets, "right")]
         lane = targets % LANES
         return np.pad((targets - lane) * self.rows[which[1]] + lane, (0, -len(targets) % LANES))
@@ -129,12 +129,12 @@ def gathered(
 
 
 def _padded(mesh: Mesh, space: str) -> int:
-    """How many entries the records of a space have: those of joined ones begin anew with each."""
+    """The number of lanes in the records of a space, empty ones included; joined spaces have records each."""
     return sum(-(-mesh.size(x) // LANES) * LANES for x in space.split("+"))
 
 
 def stored(inputs: Mapping[str, Sequence[Block]]) -> dict[int, Place]:
-    """Where the symbols of inputs stand."""
+    """The places of the inputs' symbols, by number."""
     return {
         x.number: Place(letter, k, c, len(block.symbols)) for letter, blocks in inputs.items()
         for k, block in enumerate(blocks) for c, x in enumerate(block.symbols) if x is not None
@@ -211,13 +211,13 @@ class Writer:
         return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
 
     def text(self, lines: list[str]) -> str:
-        """The kernel of these lines, with what they name."""
+        """The source of a kernel of these lines, with the numbers of the table that they name."""
         if (self.arrays or self.rows) and not self.behind:
             lines = [f"s = scratch({self.slot('at', 's', -1)})", *lines, "release(s)"]
         return text_of([*(f"n{k} = table[{k}]" for k in range(len(self.head))), *lines])
 
     def lines(self) -> list[str]:
-        """The loops, and what is set to 0 before."""
+        """The lines of the kernel: sums are set to 0, then the loops."""
         self._store()
         first: list[str] = []
         computed = [x for x in self.nodes if x.number not in self.given]
@@ -245,7 +245,7 @@ class Writer:
         return [*first, *body, *self._last()]
 
     def targets(self) -> Iterator[tuple[Symbol, Any, str]]:
-        """What is wanted, where it shall stand, and over which space."""
+        """The wanted values, each with its place and its space."""
         for k, block in enumerate(self.outputs):
             for c, x in enumerate(block.symbols):
                 if x is not None:

@@ -53,7 +53,7 @@ class Loop:
                 self._entries(terms, group, [self.value(x) for x in of_terms])
 
     def start(self, writer: Any, depth: int, space: str, i: str) -> None:
-        """What every loop has."""
+        """Set the fields of every kind of loop."""
         self.w, self.i, self.space, self.lines = writer, i, space, list[str]()
         self.names: dict[int, str] = dict(writer.names)
         self.indices: dict[Any, str] = {}
@@ -113,12 +113,12 @@ class Loop:
         return self.indices[path]
 
     def read(self, place: Any) -> str:
-        """What stands there for this entry."""
+        """The text of a place at this entry."""
         text: str = self.w.item(place, self.i)
         return text
 
     def taken(self, place: Any, path: Path) -> str:
-        """What stands there for the entry to which a path leads."""
+        """The text of a place at the entry at a path's end."""
         text: str = self.w.item(place, self.index(path))
         return text
 
@@ -144,12 +144,12 @@ class Loop:
             self.lines += self.totalled(node, item)
 
     def totalled(self, node: Symbol, item: str) -> list[str]:
-        """Lines that add this to a sum, or a maximum, over all."""
+        """The lines that add an item to a sum, or a maximum, over all entries."""
         w, name, op = self.w, self.w.names[node.number], node.value[0]
         if op != "add":
             return [f"{name} = {op}({name}, {item})"]
         y, t = w.fresh("y"), w.fresh("t")  # compensated (Kahan 1965): of terms that are alike round-off has one sign
         return [
             f"{y} = {item} - {name}c", f"{t} = {name} + {y}", f"{name}c = ({t} - {name}) - {y}", f"{name} = {t}",
-            f"{name}c = {name}c if abs({t}) < inf else 0.0",  # of infinity nothing is dropped
+            f"{name}c = {name}c if abs({t}) < inf else 0.0",  # infinity has no compensation
         ]  # fmt: skip

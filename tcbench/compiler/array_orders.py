@@ -1,7 +1,6 @@
-"""Kernels of series on arrays, as a loop over their orders: the text of one order in the place of one text an order.
+"""Kernels of series on arrays with a loop over orders, whose text is that of one order.
 
-Coefficients that other orders read stand in records (`array_records`); sums of products over the orders between,
-`convolved`, are inner loops.
+Coefficients that other orders read stand in records (`array_records`); convolutions (`convolved`) are inner loops.
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from .symbols import Symbol, intern
 
 @dataclass(eq=False)
 class Kept:
-    """A quantity of which all coefficients are kept; the loop at order k makes that of order k + ahead.
+    """A quantity whose coefficients are all kept; the loop at order k computes that of order k + ahead.
 
-    first: by order, those that are there before. next: that of order k + ahead. past: by n, what stands for that of
-    order k + n. row: where coefficient 0 stands.
+    first : by order, coefficients from before the loop. next : that of order k + ahead. past : by n, the symbol of that
+    of order k + n. row : the row of coefficient 0.
     """
 
     space: str
@@ -34,24 +33,24 @@ class Kept:
     row: int = 0
 
     def at(self, n: int) -> Symbol:
-        """Its coefficient of order k + n."""
+        """The coefficient of order k + n."""
         if n not in self.past:
             self.past[n] = variable(f"past{n}", self.space)
         return self.past[n]
 
 
 def convolved(a: Kept, b: Kept, n: int) -> Symbol:
-    """The sum of the products of coefficients j of a and m - j of b, j = 1 .. m - 1, where m is k + n."""
+    """The sum over j = 1 .. m - 1 of a_j b_(m - j), where m = k + n."""
     return intern("convolved", (), (a, b, n), space=a.space or b.space)
 
 
 @dataclass
 class Orders:
-    """What a kernel of series gives: coefficients 0 .. order of series, in blocks like these, then the numbers `last`,
-    and then coefficients 0 .. order of what is `beside`.
+    """The outputs of a kernel of series: coefficients 0 .. order of series, in blocks like these, then the numbers
+    `last`, then coefficients 0 .. order of the series `beside`.
 
-    values: coefficients 0, 1 and k + 1 of all of them, one after the other; k stands for the order of the loop, from 1
-    to order - 1. ends: what stands in `last` for coefficients order - 1 and order of the series.
+    values : coefficients 0, 1 and k + 1 of all series, one after the other; k is the order of the loop, from 1 to
+    order - 1. ends : the symbols in `last` of coefficients order - 1 and order.
     """
 
     order: int
@@ -69,7 +68,7 @@ class Orders:
         return [*self.series * times, *(Block(NUMBER, (x,)) for x in self.last), *self.beside * times]
 
     def placed(self, values: Sequence[Symbol], order: str) -> Targets:
-        """Coefficients of one order, each with its place."""
+        """The coefficients of one order, each with its place."""
         behind = len(self.series) * (self.order + 1) + len(self.last)
         blocks = [(first + k, len(group), b) for first, group in ((0, self.series), (behind, self.beside))
                   for k, b in enumerate(group)]  # fmt: skip
@@ -79,8 +78,8 @@ class Orders:
 
 
 def orders_kernel(inputs: Mapping[str, Sequence[Block]], what: Orders) -> ArrayKernel:
-    """The kernel that reads the inputs' blocks and fills out with all orders: what comes before the loop, the loop, and
-    what is made of the last orders."""
+    """The kernel that reads the inputs' blocks and writes all orders into out: the first orders, the loop, and values
+    of the last orders."""
     shared, kept, here = Shared(), what.kept, stored(inputs)
     for x in kept:
         x.row = shared.new(x.space, what.order + x.ahead)

@@ -1,7 +1,7 @@
-"""Text of kernels on arrays that keep rows of numbers in records, and loops that go through LANES entries at once.
+"""Text of kernels on arrays that keep rows of numbers in records, with loops over LANES entries at once.
 
-Each record has LANES entries of a space side by side, one row after the other; the records of joined spaces begin anew
-with each. So a row of the entries from i on is a short vector, where i is a multiple of LANES.
+A record has LANES entries of a space side by side, one row after the other; each of joined spaces has its own records.
+A row of the entries from i on, i a multiple of LANES, is a short vector.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from .arrays import Path
 from .derivatives import lifted
 from .symbols import Symbol
 
-AT_ONCE = 8  # sums of products in one inner loop: so many vectors, and what they are made of, registers hold
+AT_ONCE = 8  # convolutions in one inner loop: their vectors and factors fit into registers
 
 
 class Slot(NamedTuple):
-    """A row of the records of a space; order: what is added to it. before: of one of joined spaces, those before it."""
+    """A row of the records of a space, `order` rows further. before : the joined spaces that precede it."""
 
     space: str
     row: int
@@ -32,7 +32,7 @@ class Slot(NamedTuple):
 
 
 class Output(NamedTuple):
-    """A component of a block of `out`, or of one that stands `order` times as far behind it as `second` does."""
+    """A component of a block of `out`, or of the block `order` times as far behind it as `second` is."""
 
     first: int
     second: int
@@ -41,12 +41,12 @@ class Output(NamedTuple):
     order: str
 
 
-Targets = list[tuple[Symbol, Any, str]]  # a value, the place where it shall stand, and over which space
+Targets = list[tuple[Symbol, Any, str]]  # value, its place, its space
 
 
 @dataclass
 class Shared:
-    """What the parts of one text share: what its table says, its intermediate arrays, and the rows of records."""
+    """The parts of one text share a table, intermediate arrays and rows of records."""
 
     head: dict[tuple[Any, ...], int] = field(default_factory=dict)
     arrays: list[str] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Shared:
     counter: Iterator[int] = field(default_factory=count)
 
     def new(self, space: str, rows: int = 1) -> int:
-        """The first of some new rows."""
+        """Add rows; returns the first one."""
         row = self.rows.get(space, 0)
         self.rows[space] = row + rows
         return row
@@ -112,19 +112,19 @@ class Part(Writer):
         return self._loop_over(space, body) if space else body("0")
 
     def record(self, place: Slot) -> str:
-        """Where the records begin, at this order."""
+        """The text of the place of the first record, at the slot's order."""
         text = self.slot("record", place.space) + (f" + {LANES} * {place.order}" if place.order else "")
         if place.before:
             text += f" + {self.slot('padded', place.before)} * {self.slot('rows', place.space)}"
         return text
 
     def lanes(self, place: Slot, path: Path) -> str:
-        """Where its table has the places in these records to which a path leads."""
+        """The table's number that begins the ends of a path, as places in the slot's records."""
         return self.slot("lanes", path, place.space)
 
 
 class Single(Loop):
-    """What one loop of a `Part` does with entry i."""
+    """The lines of one loop of a `Part`, for entry i."""
 
     def taken(self, place: Any, path: Path) -> str:
         if not isinstance(place, Slot):
@@ -137,13 +137,13 @@ class Single(Loop):
 
 
 class Middle(Part):
-    """What the loop over the orders repeats, for LANES entries at once."""
+    """The body of the loop over orders, for LANES entries at once."""
 
     def _array(self, node: Symbol) -> Any:
         return Slot(node.space, self.shared.new(node.space))
 
     def _store(self) -> None:
-        self.places: dict[int, list[Any]] = {}  # where a value is wanted that a loop makes
+        self.places: dict[int, list[Any]] = {}  # the places of a value that a loop computes
         for x, place, _ in self.targets():
             if x.space and x.number not in self.given:
                 self.places.setdefault(x.number, []).append(place)
@@ -167,13 +167,13 @@ class Middle(Part):
                 self.stored[node.number] = self._array(node)
 
     def _joined(self, node: Symbol) -> list[str]:
-        """Copies into joined arrays of what no loop makes."""
+        """Copies into joined arrays of values that no loop computes."""
         parts = [(part_of(self.stored[node.number], k), x) for k, x in enumerate(node.args)]
         spaces = zip(parts, node.value.split("+"), strict=True)
         return [line for (place, x), space in spaces if not self.is_made(x) for line in self._copied(place, x, space)]
 
     def is_made(self, x: Symbol) -> bool:
-        """Does a loop put it into all its places?"""
+        """Does a loop write x to all its places?"""
         return bool(x.space) and x.number not in self.given and x.op not in WHOLE
 
     def _copied(self, place: Any, x: Symbol, space: str) -> list[str]:
@@ -189,7 +189,7 @@ class Middle(Part):
         return [] if self.stored.get(x.number) == place else self._in_lanes(space, body)
 
     def one_by_one(self, lane: str, space: str, i: str, lines: Sequence[str]) -> list[str]:
-        """These lines for each of the lanes that there are from i on."""
+        """The lines for each lane from i on that has an entry."""
         left = f"min({LANES}, {self.slot('size', space)} - {i})"
         return [f"for {lane} in range({left}):", *(f"    {line}" for line in lines)] if lines else []
 
@@ -214,7 +214,7 @@ class Middle(Part):
         return [f"for {i} in range(0, {size}, {LANES}):", *(f"    {line}" for line in lines)] if lines else []
 
     def row(self, place: Slot, i: str) -> str:
-        """Where LANES entries from i on have this row."""
+        """The text of the place of a row of the LANES entries from i on."""
         return f"{self.record(place)} + {i} * {self.slot('rows', place.space)} + {LANES * place.row}"
 
     def operation(
@@ -225,7 +225,7 @@ class Middle(Part):
         return self.convolutions([node], names, {})
 
     def convolutions(self, nodes: Sequence[Symbol], names: dict[int, str], records: Mapping[str, str]) -> list[str]:
-        """A loop that makes some, of one n. records: where those of a space begin that are gone through in lanes."""
+        """An inner loop for convolutions of one n. records : by space, the place of the lanes' record."""
         first, lines, name_of, (n,) = list[str](), list[str](), dict[Any, str](), {x.value[2] for x in nodes}
         j = self.fresh("j")
 
@@ -249,22 +249,22 @@ class Middle(Part):
 
 
 def part_of(whole: Slot, k: int) -> Slot:
-    """Of joined arrays the part of this number."""
+    """The slot of the k-th of joined arrays."""
     return whole._replace(before="+".join(whole.space.split("+")[:k]))
 
 
 def everywhere(value: str) -> str:
-    """A vector of one number."""
+    """A number in every lane."""
     return f"vector({', '.join([value] * LANES)})"
 
 
 class Lanes(Loop):
-    """What one loop of `Middle` does with LANES entries from i on."""
+    """The lines of one loop of `Middle`, for LANES entries from i on."""
 
     def __init__(self, writer: Middle, depth: int, space: str, i: str) -> None:
         self.start(writer, depth, space, i)
-        self.now, self.at_k = writer.fresh("p"), writer.fresh("p")  # where their record begins, and its rows of order k
-        self.ways: dict[Any, list[str]] = {}  # where the records begin to which a path leads
+        self.now, self.at_k = writer.fresh("p"), writer.fresh("p")  # places of their record, and of its rows of order k
+        self.ways: dict[Any, list[str]] = {}  # by path, the places of the records at its end
         sums = sorted((x for x in self.here if x.op == "convolved"), key=lambda x: (x.value[2], x.number))
         for _, group in groupby(sums, lambda x: x.value[2]):
             alike = list(group)
@@ -284,7 +284,7 @@ class Lanes(Loop):
             self.lines = [f"{self.now} = {begin}", f"{self.at_k} = {self.now} + {LANES} * k", *self.lines]
 
     def at(self, place: Slot) -> str:
-        """Where its row is."""
+        """The text of the place of a slot's row."""
         if place.space != self.space:
             text: str = self.w.row(place, self.i)
             return text
@@ -304,7 +304,7 @@ class Lanes(Loop):
     def _one_by_one(
         self, outputs: Sequence[tuple[Symbol, Output]], sums: Sequence[tuple[Symbol, Symbol, Path]]
     ) -> None:
-        """What each lane puts into the output or adds to sums."""
+        """The lines that write outputs and add to sums, lane by lane."""
         w, lane, ways = self.w, self.w.fresh("l"), dict[Any, str]()
 
         def value(x: Symbol) -> str:
