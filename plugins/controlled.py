@@ -15,6 +15,7 @@ import numpy as np
 from tcbench import Integrator, TcbenchError, family, hookimpl, stepper
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_kernels import array_kernel
+from tcbench.compiler.array_mesh import alone
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.caches import cached
 from tcbench.plugins import find_integrator
@@ -22,7 +23,7 @@ from tcbench.solver.foresight import NO_RATES
 
 from .tc_gauss import tc_gauss
 from .tc_gauss.formulas import kink_blocks, kinks_of
-from .tc_gauss.march import CLOSER, LITTLE, UNSEEN, turn
+from .tc_gauss.march import CLOSER, LITTLE, RISE, UNSEEN, summit, turn
 from .tc_gauss.memory import LONG
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
@@ -50,15 +51,25 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
     )  # fmt: skip
 
 
-def kinks_in(system: Any):
-    """z -> (numbers that change their sign where the rates have a kink, their rates, the rates (n,)); None without
-    kinks."""
-    kernel = kinks_kernel(system.by_arrays if system.large else system.symbolic)
-    if not kernel:
-        return None
-    kernel = kernel.kernel(system.mesh) if system.large else kernel
-    n, c = (kernel.size - system.size) // 2, system.constant_values
-    return lambda z: np.split(kernel(np.ascontiguousarray(z, dtype=float), c), [n, 2 * n])
+class Kinks:
+    """z -> (numbers that change their sign where the rates have a kink, then numbers that are positive where the rates
+    are not flat; the rates of all these; the rates (n,)). jumping : how many are of the first kind."""
+
+    def __init__(self, kernel: Any, jumping: int, system: Any):
+        self.kernel, self.jumping, self.c = kernel, jumping, system.constant_values
+        n = (kernel.size - system.size) // 2
+        self.parts = [n, 2 * n]
+
+    def __call__(self, z: Any):
+        return np.split(self.kernel(np.ascontiguousarray(z, dtype=float), self.c), self.parts)
+
+
+def kinks_in(system: Any) -> Kinks | None:
+    """Those of a system; None where its rates have none."""
+    kernel, jumping = kinks_kernel(system.by_arrays if system.large else system.symbolic)
+    if kernel and system.large:
+        kernel, jumping = kernel.kernel(system.mesh), [None] * system.mesh.offsets(alone(jumping))[-1]
+    return Kinks(kernel, len(jumping), system) if kernel else None
 
 
 @cached
@@ -66,13 +77,13 @@ def kinks_kernel(symbolic: Any):
     with trace.tracing():
         z = symbolic.unknowns("z")
         rates = symbolic.vector_field(z)
-        kinks = kinks_of(entries(rates), entries(z))
+        kinks, jumping = kinks_of(entries(rates), entries(z))
         if not kinks:
-            return None
+            return None, []
         if not symbolic.by_array:
-            return symbolic.compiled([z], [*kinks, rates])
+            return symbolic.compiled([z], [*kinks, rates]), jumping
         into = {"a": symbolic.blocks(z), "b": symbolic.constant_blocks()}
-        return array_kernel(into, [*kink_blocks(kinks), *symbolic.blocks(rates)])
+        return array_kernel(into, [*kink_blocks(kinks), *symbolic.blocks(rates)]), jumping
 
 
 def turns(before: Any, after: Any, h: float) -> list[float]:
@@ -87,8 +98,12 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
     itself are compared with the slope of the cubic from end to end."""
     d, p, q = z1 - z, h * before[2], h * after[2]
     second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
-    gaps, size = [np.abs(q - p)], max(np.abs(before[0]).max(), np.abs(after[0]).max())
-    for i, s in enumerate(map(turn, before[0], after[0], h * before[1], h * after[1])):
+    n = kinks.jumping
+    gaps, size = [np.abs(q - p)], max(np.abs([*before[0][:n], *after[0][:n]]), default=0.0)
+    cubic = lambda x: kinks(z + x * (p + x * (second + x * third)))  # noqa: E731
+    if any(is_hidden(i, cubic, before, after, h) for i in range(n, len(before[0]))):
+        return np.full_like(z, np.inf)
+    for i, s in enumerate(map(turn, before[0][:n], after[0][:n], h * before[1], h * after[1])):
         left, right, looks = (0.0, before), (1.0, after), 0
         while s >= 0.0 and looks < CLOSER:
             if s == UNSEEN:
@@ -96,7 +111,7 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
                     break
                 return np.full_like(z, np.inf)
             x = left[0] + (s if looks % 2 == 0 else 0.5) * (right[0] - left[0])
-            middle = x, kinks(z + x * (p + x * (second + x * third)))
+            middle = x, cubic(x)
             gaps.append(np.abs(h * middle[1][2] - (p + x * (2.0 * second + 3.0 * x * third))))
             u, m, v = (end[1][0][i] for end in (left, middle, right))
             looks = looks + 1 if u * v > 0.0 and u * m > 0.0 else CLOSER
@@ -104,6 +119,20 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
             part = h * (right[0] - left[0])
             s = turn(left[1][0][i], right[1][0][i], part * left[1][1][i], part * right[1][1][i])
     return np.max(gaps, axis=0) if len(gaps) > 1 else None
+
+
+def is_hidden(i: int, kinks: Any, before: Any, after: Any, h: float) -> bool:
+    """As `march.is_hidden`; kinks: by the part of a step."""
+    (u, slope), (v, last) = ((end[0][i], h * end[1][i]) for end in (before, after))
+    left, right, seen = 0.0, 1.0, max(u, v) + RISE
+    x, looks = summit(u, v, slope, last, seen), 0
+    while x >= 0.0 and looks < CLOSER:
+        middle, slope, _ = kinks(x)
+        if middle[i] > max(seen, 0.0):
+            return True
+        left, right = (x, right) if slope[i] > 0.0 else (left, x)
+        x, looks = (left + right) / 2, looks + 1
+    return False
 
 
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):

@@ -21,6 +21,7 @@ from tcbench.compiler.arrays import variable
 from tcbench.compiler.caches import cached
 from tcbench.compiler.cut import Cut
 from tcbench.compiler.derivatives import Symbol, lifted
+from tcbench.compiler.flat import flat_away
 from tcbench.compiler.kernels import Kernel, constant_part, kernel, placed
 from tcbench.compiler.language import PLAIN
 from tcbench.reference.quadrature import gauss, integrals, lagrange
@@ -81,6 +82,7 @@ class Formulas(NamedTuple):
     on_vectors: bool
     table: Any  # of the trace, for those that go on from it
     n_kinks: int  # numbers behind all that `start` gives: see `kinks_of`
+    n_jumping: int  # the first ones of these, where rates have kinks
 
 
 @cached
@@ -92,7 +94,7 @@ def formulas(symbolic: System) -> Formulas:
         parts = parts_of(symbolic, z, K)
         y, start, motion, slopes, means = lists_of(parts)
         forces, field = rates_of(symbolic, z, parts), list(map(lifted, symbolic.vector_field(z)))
-        kinks, matrix = kinks_of(field, [*z]), trace.jacobian(field, list(z))
+        (kinks, jumping), matrix = kinks_of(field, [*z]), trace.jacobian(field, list(z))
         pattern = np.array([[not trace.is_const(lifted(x), 0.0) for x in row] for row in matrix])
         free = set(range(symbolic.size)) - depending(list(forces), [*K, *means])
         driven, own = structure(pattern, sorted(free))
@@ -121,7 +123,7 @@ def formulas(symbolic: System) -> Formulas:
         places = {x: int(text[2:-1]) for x, text in known.items()}  # of 'b[3]'
         setup, kernels = kernel(constants, [*fixed, *hoisted]), [*kernels, *mending]
         structural = (pattern, driven, own, where, on_vectors)
-        return Formulas(kernels, setup, places, bodies, *structural, table, len(kinks))
+        return Formulas(kernels, setup, places, bodies, *structural, table, len(kinks), len(jumping))
 
 
 def depending(values: list[Any], on: list[Any]) -> set[int]:
@@ -153,14 +155,17 @@ def structure(pattern: Any, free: Sequence[int]) -> tuple[list[int], list[int]]:
     return driven, rest[several | among.diagonal()].tolist()
 
 
-def kinks_of(rates: list[Any], variables: list[Any]) -> list[Any]:
-    """What changes its sign where these rates have a kink, numbers that they have the size of and their like; then how
-    fast each of them changes."""
-    nodes = trace.topological(list(map(lifted, rates)))
+def kinks_of(rates: list[Any], variables: list[Any]) -> tuple[list[Any], list[Any]]:
+    """What changes its sign where these rates have a kink, numbers that they have the size of and their like, and then
+    where they are flat no longer, in which case there is something to be looked at, but nothing jumps; how fast each of
+    all these changes. Second: those where they have kinks, alone."""
+    rates = list(map(lifted, rates))
+    nodes = trace.topological(rates)
     found = [x.args[0] if x.op == "abs" else x.args[0] - x.args[1] for x in nodes if x.op in ("abs", "max", "min")]
     found = list(dict.fromkeys(found))
-    found = [found[i] for i in sorted(depending(found, variables))]
-    return [*found, *trace.along(found, dict(zip(variables, map(lifted, rates), strict=True)))]
+    kinks = [found[i] for i in sorted(depending(found, variables))]
+    found = list(dict.fromkeys([*kinks, *(argument.edge() for argument in flat_away(rates, variables))]))
+    return [*found, *trace.along(found, dict(zip(variables, rates, strict=True)))], kinks
 
 
 def kink_blocks(kinks: list[Any]) -> list[Block]:

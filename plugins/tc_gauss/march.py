@@ -16,6 +16,10 @@ from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, extrapolate, me
 SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 UNSEEN = 2.0  # see `turn`
 STEEPER = 1.5  # than at both ends may be what passes 0 between
+RISE = 2.0  # of an exponent: e^2 times as large as at the ends may be what is not seen from there
+# Exponents, from where their exponential is e^-20, that change by so much between two nodes: what the nodes miss is
+# then no higher power of the step than the defect.
+FAINT, STEEP = 16.0, 2.0
 LITTLE = 1e-3  # of the largest number with a kink: what others do has not come to it yet
 CLOSER = 40  # looks between two nodes at what may pass 0 there
 MOST_TURNS = 4000  # steps with a kink, before a run is given up: it slides along one
@@ -84,14 +88,14 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
     """The same between two nodes that are h apart, whose states are `here` and `now`. before, after: the rates there,
     and behind them each number u that rates have a kink in, and its slope.
 
-    -1: no u is 0 between them; infinite: their values do not tell. Where u has one sign at both, and may pass 0 and
+    -1: no u is 0 between them; 0: they are smooth, but steep; infinite: their values do not tell. Where u has one sign at both, and may pass 0 and
     come back, it is looked at where it is least, up to CLOSER times.
     """
     n = w.n_kinks // 2
     first, largest, size = w.n_ends - w.n_kinks, -1.0, 0.0
-    for i in range(first, first + n):
+    for i in range(first, first + w.n_jumping):
         size = max(size, abs(before[i]), abs(after[i]))
-    for i in range(first, first + n):
+    for i in range(first, first + w.n_jumping):
         left, right, u, v = 0.0, 1.0, before[i], after[i]
         down, up, looks = h * before[i + n], h * after[i + n], 0
         while looks < CLOSER:
@@ -108,6 +112,11 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
                 left, u, down = x, middle, slope
             else:
                 right, v, up = x, middle, slope
+    for i in range(first + w.n_jumping, first + n):
+        if is_hidden(w, before, after, i, h):
+            return math.inf
+        if max(before[i], after[i]) > FAINT and abs(after[i] - before[i]) > STEEP:
+            largest = larger(largest, 0.0)
     return largest
 
 
@@ -128,6 +137,35 @@ def turn(u: float, v: float, slope: float, last: float) -> float:
         return down / (down - up)
     leaves = u == 0.0 or (down >= 0.0 and up >= 0.0 and way * (v - u) >= 0.0)
     return UNSEEN if not leaves and abs(v - u - 0.5 * (slope + last)) > min(abs(u), abs(v)) else -1.0
+
+
+def is_hidden(w: Work, before: Floats, after: Floats, i: int, h: float) -> bool:
+    """Does number i, positive where rates are not flat, become so between two nodes, and larger than at both by so much
+    that these know nothing of it?"""
+    n = w.n_kinks // 2
+    left, right, seen = 0.0, 1.0, max(before[i], after[i]) + RISE
+    x = summit(before[i], after[i], h * before[i + n], h * after[i + n], seen)
+    if x < 0.0:
+        return False
+    for _ in range(CLOSER):
+        defect_between(w, before, after, x, h)
+        if w.inside[2, i] > max(seen, 0.0):
+            return True
+        if w.inside[2, i + n] > 0.0:
+            left = x
+        else:
+            right = x
+        x = 0.5 * (left + right)
+    return False
+
+
+def summit(u: float, v: float, slope: float, last: float, seen: float) -> float:
+    """Where a number that goes from u to v in an interval may be largest, as a part of it; slope, last: as of `turn`.
+    -1: it stays below 0, or below what is seen, also between lines STEEPER than its slopes."""
+    if not (slope > 0.0 and last < 0.0):
+        return -1.0
+    x = (STEEPER * last - v + u) / (STEEPER * (last - slope))
+    return min(max(x, 0.1), 0.9) if u + STEEPER * slope * x > max(seen, 0.0) else -1.0
 
 
 def defect_between(w: Work, before: Floats, after: Floats, s: float, h: float) -> float:
@@ -286,7 +324,7 @@ def advance(
                 factor = SAFETY * (tolerance / max(error, 1e-300)) ** (1.0 / (k + 1))
                 jump = jump_at_kinks(w, step) if w.n_kinks > 0 else -1.0
                 if not jump < 0.0:
-                    turned += 1
+                    turned += jump > 0.0
                     error *= ACCEPT * tolerance * SOLVED_TO / residual * (1.0 + turned / ADD_UP)
                     factor = min(factor, SAFETY * math.sqrt(tolerance / max(error, 1e-300)))
                     if not jump <= tolerance:  # the ends, and perhaps the nodes, are outside of what it jumps in

@@ -78,6 +78,7 @@ class Work(Record):
     n_ends: int
     constrained: bool
     n_kinks: int  # the last ones of these: see `formulas.kinks_of`
+    n_jumping: int
     n_factors: int
     n_lanes: int  # m where the iteration is on vectors, else 0
     n_own: int  # of these the variables that it solves for

@@ -110,7 +110,7 @@ def of_numbers(system: System, k: int, n_factors: int) -> dict[str, Any]:
     n_lanes = size if on_vectors["to_factor"] else 0
     c = np.concatenate([system.constant_values, made.setup(system.constant_values, system.constant_values)])
     return {
-        "sparse": of_pattern(made.pattern, n_factors), "c": c, "n_constants": len(c), "n_kinks": made.n_kinks,
+        "sparse": of_pattern(made.pattern, n_factors), "c": c, "n_constants": len(c), "n_kinks": made.n_kinks, "n_jumping": made.n_jumping,
         "n_lanes": n_lanes, "n_own": len(made.own) if n_lanes else 0,
         "acts": np.isin(np.arange(n_lanes), made.own).astype(float),
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
@@ -130,6 +130,7 @@ class ArrayFormulas(NamedTuple):
     carried: list[Block]
     projected: list[Block]
     kinks: list[Block]
+    jumping: list[Block]
     matrix: ArrayKernel
     unknowns: list[Block]  # of the matrix: those of a state, then shared numbers
     terms: list[tuple[int, Term]]  # its entries: of which row
@@ -143,7 +144,8 @@ def array_formulas(net: Any) -> ArrayFormulas:
         parts = formulas.parts_of(net, z, K)
         y, start, motion, slopes, means = formulas.lists_of(parts)
         at_node, carried, projected = [*net.blocks(K), *net.blocks(z)], alone(y), alone(means)
-        kinks = formulas.kink_blocks(formulas.kinks_of(entries(net.vector_field(z)), entries(z)))
+        kinks, jumping = formulas.kinks_of(entries(net.vector_field(z)), entries(z))
+        kinks, jumping = formulas.kink_blocks(kinks), alone(jumping)
         bodies = [
             (net.blocks(z), [*net.blocks(formulas.started(net, z)), *alone(start, y), *kinks]),
             (at_node, alone(motion, y)),
@@ -151,7 +153,7 @@ def array_formulas(net: Any) -> ArrayFormulas:
             ([*at_node, *projected], net.blocks(formulas.rates_of(net, z, parts))),
         ]
         made = [array_kernel({"a": inputs, "b": net.constant_blocks()}, outputs) for inputs, outputs in bodies]
-        return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, kinks, *_matrix(net, z, K))
+        return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, kinks, jumping, *_matrix(net, z, K))
 
 
 def _matrix(net: Any, z: Any, K: Any) -> tuple[ArrayKernel, list[Block], list[tuple[int, Term]]]:
@@ -173,9 +175,10 @@ def of_arrays(system: System, n_factors: int) -> dict[str, Any]:
     matrix, places = sparse(size, there.rows, there.columns, mesh.offsets(made.unknowns)[-1], n_factors)
     entries_at = there.places(places, matrix.n_values)
     to_matrix = made.matrix.kernel(mesh.with_entries(matrix.n_values), entries_at, extra=1)
-    carried, projected, kinks = (mesh.offsets(blocks)[-1] for blocks in (made.carried, made.projected, made.kinks))
+    blocks = made.carried, made.projected, made.kinks, made.jumping
+    carried, projected, kinks, jumping = (mesh.offsets(x)[-1] for x in blocks)
     return {
-        "large": True, "sparse": matrix, "n_kinks": kinks, "n_lanes": 0, "n_own": 0,
+        "large": True, "sparse": matrix, "n_kinks": kinks, "n_jumping": jumping, "n_lanes": 0, "n_own": 0,
         "n_constants": len(system.constant_values), "c": system.constant_values, "to_matrix": late_address(to_matrix),
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_ends": kernels["to_start"].size, "n_laws": kernels["to_laws"].size, "n_mended": kernels["to_mend"].size,

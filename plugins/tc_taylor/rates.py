@@ -15,11 +15,14 @@ from typing import Any
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.array_states import entries, refilled
 from tcbench.compiler.derivatives import Symbol
+from tcbench.compiler.flat import flat_away
+from tcbench.compiler.kinks import sign
 from tcbench.systems.constrained import reduced
 
 from .factored import Factored, products
-from .series import ONE, ZERO, Linear, Normal, Series, combined
+from .series import ONE, STANDING, ZERO, Linear, Normal, Series, combined
 
+NEARER = 12.0  # exponents: terms of order 8 of e^-36 are within a tolerance to where it is e^40, of e^-12 to e^-8
 FEWER = 0.9  # another form has so many of the plain one's products at most: its chains of operations may be longer
 
 
@@ -37,8 +40,19 @@ def rates(sym: Any, y: Any) -> tuple[list[Series], list[Series]]:
 def of_any(sym: Any, z: Any, normal: Normal) -> tuple[list[Series], list[Series]]:
     """z and the vector field, which leaves the invariants as they are."""
     normal.hold(normal.of(lifted(sym.momenta(z))))
-    rates = reduced(sym, z, marked=True) if sym.multipliers else sym.vector_field(z)
-    return normal.variables, singles(normal, normal.of(lifted(rates)))
+    rates = lifted(reduced(sym, z, marked=True) if sym.multipliers else sym.vector_field(z))
+    return normal.variables, singles(normal, normal.of(with_edges(rates, entries(z))))
+
+
+def with_edges(rates: list[Symbol], variables: list[Symbol]) -> list[Symbol]:
+    """Rates with signs, too small to count, that change where the rates are flat no longer: steps end there as at
+    kinks, for the series of a flat place knows of nothing else; and one of low order of nothing before it is NEARER."""
+    for argument in flat_away(rates, variables):
+        for edge in [*argument.edges(), *argument.edges(NEARER)]:
+            places = [i for i, x in enumerate(rates) if x.space == edge.space]
+            if places:
+                rates[places[0]] = rates[places[0]] + STANDING * sign(edge)
+    return rates
 
 
 def of_elements(sym: Any, y: Any, normal: Normal) -> tuple[list[Series], list[Series]]:

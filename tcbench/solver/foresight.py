@@ -148,7 +148,7 @@ class Lending:
         if self.looks.begun or not reached:
             self.looks.end()
         if not reached:
-            kinks = f": its rates have kinks, and {NO_RATES}" if self.work.n_kinks else ""
+            kinks = f": its rates have kinks, or change as fast, and {NO_RATES}" if self.work.n_kinks else ""
             failed = ArithmeticError(f"the step became too short at t = {course.t:.6g}{kinks}")
             vars(failed)["states"] = self.states[: np.searchsorted(self.times, course.t, "right")].copy()
             raise failed

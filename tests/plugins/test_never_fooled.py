@@ -347,7 +347,7 @@ def test_a_wall_far_away_gives_a_size_to_what_moves_towards_it(k, at, width):
 
 FORMS = {
     "abs": lambda x, w: np.abs(x) < w, "square": lambda x, w: x**2 < w**2, "both": lambda x, w: (x > -w) & (x < w),
-    "fourth": lambda x, w: x**4 < w**4,
+    "fourth": lambda x, w: x**4 < w**4, "gaussian": lambda x, w: np.exp(-((x / w) ** 2)) > np.exp(-1.0),
 }  # fmt: skip
 
 
@@ -388,6 +388,7 @@ def passed_through(at, width, c, z, t, t_end):
         ("square", -0.4, 0.001, 40.0),
         ("both", 0.1, 0.003, 20.0),
         ("fourth", 0.3, 1e-4, 500.0),
+        ("gaussian", 0.5, 0.002, 40.0),
     ],
 )
 def test_no_method_steps_over_a_narrow_window_of_friction(form, at, width, c):

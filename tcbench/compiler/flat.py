@@ -1,0 +1,64 @@
+"""Where formulas are flat to the last digit, so that nothing tells from there what lies ahead: far from a Gaussian
+exp(-(x/w)^2) or a front tanh(x/w) neither a value nor a slope, of any order, knows of it. Their arguments do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from .arrays import LINEAR
+from .derivatives import depends_on, topological
+from .symbols import Symbol, add, const, mul
+
+FLAT = 36.0  # exp(-36) is the round-off of 1
+AFFINE = frozenset({"add", "sub", "neg", "mark", *LINEAR})
+GROWING = ("exp", "expm1", "sinh", "cosh")
+
+
+class Argument(NamedTuple):
+    """u of an exponential, which is flat for u < -FLAT; on `both` sides that of tanh, and of 1/(1 + exp(u))."""
+
+    u: Symbol
+    both: bool
+
+    def edges(self, level: float = FLAT) -> list[Symbol]:
+        """What passes 0 where u enters or leaves what is not flat."""
+        return [add(self.u, const(x)) for x in ((level, -level) if self.both else (level,))]
+
+    def edge(self) -> Symbol:
+        """One number that is positive in all of what is not flat, and tells from afar how far it is."""
+        if not self.both:
+            return add(self.u, const(FLAT))
+        return const(FLAT) - add(mul(self.u, self.u), const(1.0)).sqrt()
+
+
+def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Argument]:
+    """The arguments, each once, by which outputs may be flat on both sides of a place that the variables can pass.
+
+    An exponential of an affine function, or of one of logarithms (which makes it a power), grows on and on behind the
+    place where it begins to, and is seen from there; in the denominator of a sum it saturates.
+    """
+    nodes, moving = topological(outputs), depends_on(list(outputs), list(variables))
+    bent: set[int] = set()
+    for node in nodes:
+        args = [a for a in node.args if a.number in moving]
+        affine = node.op in AFFINE or (node.op == "mul" and len(args) == 1)
+        if args and node.op != "log" and not (affine and all(a.number not in bent for a in args)):
+            bent.add(node.number)
+    sums = [x for node in nodes if node.op == "recip" for x in node.args if x.op in ("add", "sub")]
+    saturating = {x.number for x in topological(sums)}
+    found: dict[Symbol, bool] = {}
+    for node in nodes:
+        if node.number not in moving:
+            continue
+        u = node.args[0] if node.args else node
+        if node.op == "pow" and u.number not in moving:
+            u = node.args[1] * u.log()
+        elif node.op not in (*GROWING, "tanh"):
+            continue
+        u = u + u if node.op == "tanh" else u  # which is 1 - 2/(1 + exp(2 u))
+        both = node.op in ("tanh", "sinh", "cosh") or node.number in saturating
+        if node.op == "tanh" or both and node.number in saturating or node.args[-1].number in bent:
+            found[u] = found.get(u, False) or both
+    return [Argument(u, both) for u, both in found.items()]

@@ -1,0 +1,92 @@
+"""What is flat far away, exp(-(x/w)^2) or tanh(x/w), tells nothing of itself there, neither by values nor by slopes:
+adaptive methods stepped over features of a thousandth of a run with errors of 4e-3, at every tolerance."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import tcbench
+from tcbench import Scenario, System
+from tcbench.compiler.flat import flat_away
+from tcbench.compiler.symbols import variable
+
+BUMPS = {
+    "gaussian": lambda x: np.exp(-(x**2)),
+    "power of 2": lambda x: 2.0 ** (-(x**2)),
+    "fronts": lambda x: 0.5 * (np.tanh(x + 2) - np.tanh(x - 2)),
+    "saturating": lambda x: 1 - np.tanh(x**2),
+    "a distance": lambda x: np.exp(1 - np.sqrt(x**2 + 1)),
+    "choice": lambda x: np.maximum(np.exp(-(x**2)) - 0.3, 0.0),
+}
+SPREAD = 1e-3  # of starts over a space
+
+
+def bump(form, many=0):
+    """Particles on a long way, each through a narrow place that rubs; over a space the starts differ."""
+
+    class Bump(System):
+        variables = {name: ("particle",) if many else () for name in "qp"} | {"s": ()}
+        constants = {"width": ("particle",) if many else ()}
+
+        def energy(self, z):
+            return np.sum(z.p**2 / 2 + 0.01 * z.q**2) + z.s
+
+        def entropy(self, z):
+            return z.s
+
+        def reversible(self, z, dE, dS):
+            return {"q": dE.p, "p": -dE.q}
+
+        def irreversible(self, z, dE, dS):
+            rub = 0.3 * BUMPS[form]((z.q - 5.0) / self.width) + 1e-3
+            return {"p": -rub * dE.p * dS.s, "s": np.sum(rub * dE.p**2) / dE.s * dS.s}
+
+        def temperature(self, z, dE, dS):
+            return dE.s
+
+    return Bump
+
+
+def scenario(form, width, many=0):
+    q = -SPREAD * np.arange(many) if many else 0.0
+    initial = {"q": q, "p": 1.3 + 0.0 * q, "s": 0.0}
+    return Scenario("bump", bump(form, many), {"width": width + 0.0 * q}, initial=initial, t_end=10.0, dt=10.0)
+
+
+def truth(form, width, q):
+    def rates(t, y):
+        return [y[1], -0.02 * y[0] - (0.3 * BUMPS[form]((y[0] - 5.0) / width) + 1e-3) * y[1]]
+
+    return solve_ivp(rates, (0.0, 10.0), [q, 1.3], "DOP853", rtol=1e-11, atol=1e-12, max_step=width).y[:, -1]
+
+
+@pytest.mark.parametrize(("form", "width"), [(form, 0.01) for form in BUMPS] + [("gaussian", 0.002)])
+def test_no_adaptive_method_steps_over_what_is_flat_away(form, width):
+    exact, at = truth(form, width, 0.0), np.array([0.0, 10.0])
+    made = scenario(form, width)
+    for method in ("tc_taylor", "tc_auto", "tc_gauss_adaptive", "controlled"):
+        for tolerance in (1e-4, 1e-7):
+            states, _ = tcbench.integrators()[method].adaptive(made.model, made.z0.copy(), at, tolerance, tolerance)
+            assert np.abs(states[-1][:2] - exact).max() < 30 * tolerance, (method, tolerance)
+
+
+def test_nor_over_a_space():
+    made, at = scenario("gaussian", 0.01, many=40), np.array([0.0, 10.0])
+    exact = np.array([truth("gaussian", 0.01, -SPREAD * i) for i in (0, 39)])
+    for method in ("tc_taylor", "tc_gauss_adaptive"):
+        states, _ = tcbench.integrators()[method].adaptive(made.model, made.z0.copy(), at, 1e-6, 1e-6)
+        q, p = states[-1][:40], states[-1][40:80]
+        assert np.abs(np.transpose([q[[0, 39]], p[[0, 39]]]) - exact).max() < 3e-5, method
+
+
+def test_which_arguments_are_looked_at():
+    """What grows on and on behind the place where it begins is seen from there; exp of logarithms is a power."""
+    x, y, c = (variable(name) for name in "xyc")
+
+    def of(*outputs):
+        return [argument.both for argument in flat_away(list(outputs), [x, y])]
+
+    assert of((c * x + y - 3.0).exp(), (0.5 * (x * x).log() + x).exp(), c.tanh() * x, (c * c).exp() * y) == []
+    assert of((-(x * x)).exp(), (x * y).exp()) == [False, False]
+    assert of(x.tanh()) == [True] and of(1.0 / (1.0 + x.exp())) == [True] and of(1.0 / x.exp()) == []
+    assert of(c ** (x * y)) == [False]
