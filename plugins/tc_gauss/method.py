@@ -153,7 +153,9 @@ def array_formulas(net: Any) -> ArrayFormulas:
             ([*at_node, *projected], net.blocks(formulas.rates_of(net, z, parts))),
         ]
         made = [array_kernel({"a": inputs, "b": net.constant_blocks()}, outputs) for inputs, outputs in bodies]
-        return ArrayFormulas([*made, *mending_kernels(net)[:3]], carried, projected, kinks, jumping, *_matrix(net, z, K))
+        return ArrayFormulas(
+            [*made, *mending_kernels(net)[:3]], carried, projected, kinks, jumping, *_matrix(net, z, K)
+        )
 
 
 def _matrix(net: Any, z: Any, K: Any) -> tuple[ArrayKernel, list[Block], list[tuple[int, Term]]]:
