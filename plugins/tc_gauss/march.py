@@ -88,8 +88,8 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
     """The same between two nodes that are h apart, whose states are `here` and `now`. before, after: the rates there,
     and behind them each number u that rates have a kink in, and its slope.
 
-    -1: no u is 0 between them; 0: they are smooth, but steep; infinite: their values do not tell. Where u has one sign at both, and may pass 0 and
-    come back, it is looked at where it is least, up to CLOSER times.
+    -1: no u is 0 between them; 0: exponents are steep; infinite: their values do not tell. Where u has one sign at
+    both, and may pass 0 and come back, it is looked at where it is least, up to CLOSER times.
     """
     n = w.n_kinks // 2
     first, largest, size = w.n_ends - w.n_kinks, -1.0, 0.0

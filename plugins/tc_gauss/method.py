@@ -110,8 +110,8 @@ def of_numbers(system: System, k: int, n_factors: int) -> dict[str, Any]:
     n_lanes = size if on_vectors["to_factor"] else 0
     c = np.concatenate([system.constant_values, made.setup(system.constant_values, system.constant_values)])
     return {
-        "sparse": of_pattern(made.pattern, n_factors), "c": c, "n_constants": len(c), "n_kinks": made.n_kinks, "n_jumping": made.n_jumping,
-        "n_lanes": n_lanes, "n_own": len(made.own) if n_lanes else 0,
+        "sparse": of_pattern(made.pattern, n_factors), "c": c, "n_constants": len(c), "n_kinks": made.n_kinks,
+        "n_jumping": made.n_jumping, "n_lanes": n_lanes, "n_own": len(made.own) if n_lanes else 0,
         "acts": np.isin(np.arange(n_lanes), made.own).astype(float),
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_ends": made.kernels[0].size, "n_laws": made.kernels[5].size, "n_mended": made.kernels[6].size,

@@ -59,6 +59,6 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
             continue
         u = u + u if node.op == "tanh" else u  # which is 1 - 2/(1 + exp(2 u))
         both = node.op in ("tanh", "sinh", "cosh") or node.number in saturating
-        if node.op == "tanh" or both and node.number in saturating or node.args[-1].number in bent:
+        if node.op == "tanh" or node.number in saturating or node.args[-1].number in bent:
             found[u] = found.get(u, False) or both
     return [Argument(u, both) for u, both in found.items()]

@@ -25,7 +25,7 @@ def bump(form, many=0):
     """Particles on a long way, each through a narrow place that rubs; over a space the starts differ."""
 
     class Bump(System):
-        variables = {name: ("particle",) if many else () for name in "qp"} | {"s": ()}
+        variables = dict.fromkeys("qp", ("particle",) if many else ()) | {"s": ()}
         constants = {"width": ("particle",) if many else ()}
 
         def energy(self, z):
