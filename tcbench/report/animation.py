@@ -17,6 +17,8 @@ import numpy as np
 
 from ..errors import TcbenchError, expect, needs_folder, positive, several, shown, writing
 from ..files import written
+from ..simulation.fields import mesh_of, records
+from ..simulation.mesh_picture import Surface, colours_of, heat_of, outside
 from ..simulation.trajectory import Trajectory
 from ..systems.plane import joints, segments
 from .charts.scales import ROUND_OFF
@@ -45,7 +47,7 @@ def animate(
     Parameters
     ----------
     runs : Trajectory or sequence of Trajectory
-        At most four, of one scenario whose masses lie in the plane; their states have shape (m, n).
+        At most four, of one scenario whose masses lie in the plane, or that has a mesh; their states have shape (m, n).
     path : str or Path, optional
         Writes .gif, .mp4 (needs ffmpeg) or .html (one file, with controls).
     frames : int
@@ -62,7 +64,7 @@ def animate(
     ------
     TcbenchError
         For no run, more than four, different scenarios, other suffixes, and systems that cannot be drawn in the plane
-        (see `System.points`).
+        (see `System.points`) and have no mesh (see `Trajectory.write`).
 
     References
     ----------
@@ -174,20 +176,17 @@ class _Stage:
 
         self.times = np.linspace(0.0, max(run.t[-1] for run in runs), frames)
         self.rows = [np.searchsorted(run.t, self.times, side="right") - 1 for run in runs]
-        places = [segments(run.scenario.model, run.z) for run in runs]
-        good = [place for run, place in zip(runs, places, strict=True) if run.ok]
-        held = np.concatenate([place.reshape(-1, 2) for place in good or [p[:1] for p in places]])
-        low, high = held.min(axis=0), held.max(axis=0)
-        room = 2 * (ROOM if good else WIDEST) * max(high - low)  # around what the runs that ended well need
         laws = [_laws(run) for run in runs]
         self.figure = Figure(figsize=(3.4 * max(2, len(runs), 0.7 * len(laws[0])), 6.2), layout="constrained")
         parts: Any = self.figure.subfigures(2, 1, height_ratios=(1.35, 1))
         above, below = parts
-        axes = above.subplots(1, len(runs), squeeze=False)[0]
-        heat, box = _heat(runs), ((low + high) / 2, high - low + room)
-        self.views = [_View(ax, run, place, heat, box) for ax, run, place in zip(axes, runs, places, strict=True)]
+        try:
+            self.views: Any = _views(above, runs)
+        except TcbenchError as no_lines:
+            self.views = _mesh_views(above, runs, self.rows, no_lines)
         if any(view.coloured for view in self.views):
-            above.colorbar(self.views[0].springs, ax=list(axes), label="temperature θ", shrink=0.8, pad=0.01)
+            axes = [view.ax for view in self.views]
+            above.colorbar(self.views[0].springs, ax=axes, label="temperature θ", shrink=0.8, pad=0.01)
         above.suptitle(runs[0].scenario.name)
         panels = below.subplots(1, len(laws[0]), squeeze=False)[0]
         self.lines: list[list[Any]] = [[] for _ in runs]  # of each run (line, times, values)
@@ -227,6 +226,37 @@ class _Stage:
             for line, t, values in lines:
                 line.set_data(t[: row + 1], values[: row + 1])
         return []
+
+
+def _views(above: Any, runs: Sequence[Trajectory]) -> list[_View]:
+    """Each run in the plane, around what the runs that ended well need."""
+    places = [segments(run.scenario.model, run.z) for run in runs]
+    good = [place for run, place in zip(runs, places, strict=True) if run.ok]
+    held = np.concatenate([place.reshape(-1, 2) for place in good or [p[:1] for p in places]])
+    low, high = held.min(axis=0), held.max(axis=0)
+    heat, room = _heat(runs), 2 * (ROOM if good else WIDEST) * max(high - low)
+    axes, box = above.subplots(1, len(runs), squeeze=False)[0], ((low + high) / 2, high - low + room)
+    return [_View(ax, run, place, heat, box) for ax, run, place in zip(axes, runs, places, strict=True)]
+
+
+def _mesh_views(above: Any, runs: Sequence[Trajectory], rows: Any, no_lines: TcbenchError) -> list[_MeshView]:
+    """Each run on its mesh."""
+    try:
+        mesh = mesh_of(runs[0].scenario.model, runs[0].z[0])
+    except TcbenchError:
+        raise no_lines from None
+    (faces, owner), seen = outside(mesh), []
+    for run, its in zip(runs, rows, strict=True):
+        known, states = np.unique(its), {}
+        for row, (_, x, on_points, on_cells) in zip(known.tolist(), records(run, mesh, known), strict=True):
+            states[row] = x, heat_of(on_points, on_cells, faces, owner)
+        seen.append(states)
+    good = [states for run, states in zip(runs, seen, strict=True) if run.ok] or [{0: states[0]} for states in seen]
+    points = np.concatenate([x for states in good for x, _ in states.values()])
+    colours = colours_of(heat for states in good for _, heat in states.values())
+    axes = above.subplots(1, len(runs), squeeze=False, subplot_kw={"projection": "3d"})[0]
+    return [_MeshView(ax, run, states, Surface(ax, faces, points, colours or (0.0, 1.0)), bool(colours))
+            for ax, run, states in zip(axes, runs, seen, strict=True)]  # fmt: skip
 
 
 def _heat(runs: Sequence[Trajectory]) -> tuple[float, float]:
@@ -279,8 +309,30 @@ class _View:
             self.springs.set_array(self.run.temperatures[row])
         self.masses.set_data(*self.masses_at[row].T)
         self.trail.set_data(*self.masses_at[list(before)].reshape(-1, 2).T)
-        end = self.run.t[-1]
-        over = not self.run.ok and (t > end + 1e-12 or row == len(self.run.t) - 1)
-        self.text.set(
-            text=f"{self.run.status} at t = {end:.3g}" if over else f"t = {t:.3g}", color=BAD if over else PLAIN
-        )
+        _tell(self.text, self.run, row, t)
+
+
+class _MeshView:
+    """One run on its mesh. states : points and temperatures of faces by the rows that are shown."""
+
+    def __init__(self, ax: Any, run: Trajectory, states: dict[int, Any], surface: Surface, coloured: bool) -> None:
+        self.ax, self.run, self.states, self.surface, self.coloured = ax, run, states, surface, coloured
+        ax.set_title(run.integrator.name, color=look(run.integrator.name).colour, fontweight="bold")
+        self.springs = surface.drawn
+        self.text = ax.text2D(0.02, 0.02, "", transform=ax.transAxes, fontsize=8, va="bottom")
+        self.moving = [self.springs, self.text]
+
+    def fill(self) -> None:
+        self.ax.M = self.ax.get_proj()
+
+    def show(self, row: int, before: Sequence[int], t: float) -> None:
+        self.surface.show(*self.states[row])
+        self.springs.do_3d_projection()
+        _tell(self.text, self.run, row, t)
+
+
+def _tell(text: Any, run: Trajectory, row: int, t: float) -> None:
+    """The time, or how and when the run ended."""
+    end = run.t[-1]
+    over = not run.ok and (t > end + 1e-12 or row == len(run.t) - 1)
+    text.set(text=f"{run.status} at t = {end:.3g}" if over else f"t = {t:.3g}", color=BAD if over else PLAIN)

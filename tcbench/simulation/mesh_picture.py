@@ -35,45 +35,70 @@ def outside(mesh: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return faces[alone], owner[alone]
 
 
+class Surface:
+    """The outside of a mesh, or its lines, in axes of three dimensions; what is flat is seen from above.
+
+    faces : (m, k), points of each face. points : all that are to be seen, (n, 3). heat : coldest and hottest colour.
+    """
+
+    def __init__(
+        self, ax: Any, faces: NDArray[np.int64], points: NDArray[np.float64], heat: tuple[float, float]
+    ) -> None:
+        from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+        self.faces, lines = faces, faces.shape[1] == 2
+        look: Any = {"linewidths": 3.0} if lines else {"edgecolors": "#333333", "linewidths": 0.3}
+        kind: Any = Line3DCollection if lines else Poly3DCollection
+        self.drawn = kind(np.zeros((*faces.shape, 3)), cmap="coolwarm", clim=heat, **look)
+        self.put: Any = self.drawn.set_segments if lines else self.drawn.set_verts
+        ax.add_collection3d(self.drawn)
+        low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+        room = ROOM * (high - low).max() + 1e-300
+        ax.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room),
+               zlim=(low[2] - room, high[2] + room), xlabel="x", ylabel="y")  # fmt: skip
+        ax.set_box_aspect(high - low + 2 * room)
+        ax.tick_params(labelsize=6)
+        if high[2] == low[2]:
+            ax.view_init(90, -90)
+            ax.set_proj_type("ortho")
+            ax.set_zticks([])
+
+    def show(self, points: NDArray[np.float64], heat: Any) -> None:
+        """The points (n, 3) there, each face with its temperature (m,); None: of one colour."""
+        self.put(points[self.faces])
+        if heat is None:
+            self.drawn.set_color(PLAIN)
+        else:
+            self.drawn.set_array(heat)
+
+
 def draw(run: Trajectory, mesh: Any, records: Iterable[Any], path: Path) -> Path:
     """Write the picture: .png, .svg or .pdf. records : as of `fields.records`, of every state."""
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     kept = sorted({0, len(run.t) // 2, len(run.t) - 1})
     states = [state for k, state in enumerate(records) if k in kept]
     faces, owner = outside(mesh)
     heats = [heat_of(on_points, on_cells, faces, owner) for _, _, on_points, on_cells in states]
-    finite: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
-    points = np.concatenate([x for _, x, _, _ in states])
-    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    flat = high[2] == low[2]
-    room = ROOM * (high - low).max() + 1e-300
+    points, colours = np.concatenate([x for _, x, _, _ in states]), colours_of(heats)
     figure = Figure(figsize=(SIDE * len(states), SIDE), layout="constrained")
     every: Any = figure.subplots(1, len(states), squeeze=False, subplot_kw={"projection": "3d"})[0]
     for ax, (t, x, _, _), heat in zip(every, states, heats, strict=True):
-        kind = Line3DCollection if faces.shape[1] == 2 else Poly3DCollection
-        look = {"linewidths": 3.0} if faces.shape[1] == 2 else {"edgecolors": "#333333", "linewidths": 0.3}
-        drawn: Any = kind(x[faces], **look)
-        if heat is None:
-            drawn.set_color(PLAIN)
-        else:
-            drawn.set(array=heat, cmap="coolwarm", clim=(finite.min(), max(finite.max(), finite.min() + 1e-9)))
-        ax.add_collection3d(drawn)
-        ax.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room),
-               zlim=(low[2] - room, high[2] + room), title=f"t = {t:.3g}", xlabel="x", ylabel="y")  # fmt: skip
-        ax.set_box_aspect(high - low + 2 * room)
-        ax.tick_params(labelsize=6)
-        if flat:
-            ax.view_init(90, -90)
-            ax.set_proj_type("ortho")
-            ax.set_zticks([])
-    if len(finite):
-        figure.colorbar(drawn, ax=list(every), label="temperature θ", shrink=0.7)
+        ax.set_title(f"t = {t:.3g}")
+        surface = Surface(ax, faces, points, colours or (0.0, 1.0))
+        surface.show(x, heat)
+    if colours:
+        figure.colorbar(surface.drawn, ax=list(every), label="temperature θ", shrink=0.7)
     figure.suptitle(f"{run.integrator.name} on {run.scenario.name}")
     with writing(repr(str(path))), written(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], dpi=150)
     return path
+
+
+def colours_of(heats: Iterable[Any]) -> tuple[float, float] | None:
+    """The coldest and the hottest of some faces' temperatures; None without any."""
+    known: Any = np.concatenate([np.zeros(0), *(np.ma.compressed(x) for x in heats if x is not None)])
+    return (float(known.min()), float(max(known.max(), known.min() + 1e-9))) if len(known) else None
 
 
 def heat_of(on_points: Any, on_cells: Any, faces: Any, owner: Any) -> Any:

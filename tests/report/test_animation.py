@@ -81,6 +81,22 @@ def test_what_lines_only_begin_from_is_marked():
     assert len(stage.views[0].masses.get_xydata()) == 3
 
 
+@pytest.mark.parametrize("name", ["solid", "solid[element=hex]"])
+def test_a_solid_moves_on_its_mesh_filled_by_temperature(name, tmp_path):
+    pytest.importorskip("skfem")
+    run = tcbench.simulate("tc_monolithic", name, dt=0.1, t_end=0.4)
+    stage = animation._Stage([run], 5)
+    (view,) = stage.views
+    assert view.coloured and sorted(view.states) == [0, 1, 2, 3, 4]
+    places = np.asarray(run.scenario.model.state(run.z[4]).q).reshape(-1, 3)
+    assert np.array_equal(view.states[4][0][: len(places)], places)
+    with Image.open(tcbench.animate(run, tmp_path / "a.gif", frames=3)) as movie:
+        assert movie.n_frames == 3
+        shown = [np.asarray(movie.convert("RGB")) for _ in map(movie.seek, (0, 2))]
+    above = slice(0, shown[0].shape[0] // 2)
+    assert np.any(shown[0][above] != shown[1][above])
+
+
 def test_what_cannot_be_animated_is_refused_with_a_sentence(runs, tmp_path, monkeypatch):
     other = tcbench.simulate("tc_monolithic", "short_term", t_end=1.0)
     for wrong, path, message in (
