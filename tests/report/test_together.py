@@ -67,6 +67,7 @@ def test_rows_keep_their_names_and_times_are_those_of_one_machine(folders):
     assert best["tc_monolithic[run=theirs]"] == pytest.approx(best["tc_monolithic"])
 
 
+@pytest.mark.thorough
 def test_one_command_writes_them_on_one_page_and_a_site_has_it_too(folders, tmp_path):
     words = [*map(str, folders), "-o", str(tmp_path / "all.html")]
     done = CliRunner().invoke(main, ["report", *words])

@@ -10,7 +10,7 @@ from tcbench.analysis.order_fit import fit_order
 HALVING = 0.4 / 2.0 ** np.arange(9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     p=st.sampled_from([1, 2, 4, 6]),
     C=st.floats(1e-2, 10),
@@ -27,7 +27,7 @@ def test_smooth_error_expansion_gives_its_order(p, C, d, d2, n):
     assert fit.verdict(p + 1) == "lower than declared"
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(p=st.sampled_from([1, 2]), seed=st.integers(0, 2**31), ratio=st.floats(1.5, 3.0))
 def test_noise_widens_the_interval_rather_than_moving_the_order(p, seed, ratio):
     """3 % noise: either no window, or an interval within a few standard deviations of the truth."""
