@@ -104,17 +104,17 @@ def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
     if any(is_hidden(i, cubic, before, after, h) for i in range(n, len(before[0]))):
         return np.full_like(z, np.inf)
     for i, s in enumerate(map(turn, before[0][:n], after[0][:n], h * before[1], h * after[1])):
-        left, right, looks = (0.0, before), (1.0, after), 0
-        while s >= 0.0 and looks < CLOSER:
+        left, right, tries = (0.0, before), (1.0, after), 0
+        while s >= 0.0 and tries < CLOSER:
             if s == UNSEEN:
                 if max(abs(end[1][k][i]) * (h if k else 1.0) for end in (left, right) for k in (0, 1)) < LITTLE * size:
                     break
                 return np.full_like(z, np.inf)
-            x = left[0] + (s if looks % 2 == 0 else 0.5) * (right[0] - left[0])
+            x = left[0] + (s if tries % 2 == 0 else 0.5) * (right[0] - left[0])
             middle = x, cubic(x)
             gaps.append(np.abs(h * middle[1][2] - (p + x * (2.0 * second + 3.0 * x * third))))
             u, m, v = (end[1][0][i] for end in (left, middle, right))
-            looks = looks + 1 if u * v > 0.0 and u * m > 0.0 else CLOSER
+            tries = tries + 1 if u * v > 0.0 and u * m > 0.0 else CLOSER
             left, right = (middle, right) if u * middle[1][1][i] < 0.0 else (left, middle)
             part = h * (right[0] - left[0])
             s = turn(left[1][0][i], right[1][0][i], part * left[1][1][i], part * right[1][1][i])
@@ -125,13 +125,13 @@ def is_hidden(i: int, kinks: Any, before: Any, after: Any, h: float) -> bool:
     """As `march.is_hidden`; kinks: by the part of a step."""
     (u, slope), (v, last) = ((end[0][i], h * end[1][i]) for end in (before, after))
     left, right, seen = 0.0, 1.0, max(u, v) + RISE
-    x, looks = summit(u, v, slope, last, seen), 0
-    while x >= 0.0 and looks < CLOSER:
+    x, tries = summit(u, v, slope, last, seen), 0
+    while x >= 0.0 and tries < CLOSER:
         middle, slope, _ = kinks(x)
         if middle[i] > max(seen, 0.0):
             return True
         left, right = (x, right) if slope[i] > 0.0 else (left, x)
-        x, looks = (left + right) / 2, looks + 1
+        x, tries = (left + right) / 2, tries + 1
     return False
 
 
@@ -146,9 +146,9 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
             left = end - t
             tried = left if left < 1.01 * h else min(h, left / 2)
             try:
-                once, half = step(z, tried), step(z, tried / 2)
+                full, half = step(z, tried), step(z, tried / 2)
                 twice = step(half, tried / 2)
-                gap, size = np.abs(twice - once), np.maximum(np.abs(z), np.abs(twice))
+                gap, size = np.abs(twice - full), np.maximum(np.abs(z), np.abs(twice))
                 digits = GAP_ROUND_OFF * np.maximum(least, size)
                 if (gap <= ALIKE * digits).all():  # exact, or a step that the method itself took in halves
                     uneven = np.abs(step(step(z, UNEVEN * tried), tried - UNEVEN * tried) - twice)

@@ -70,10 +70,10 @@ class Corners(Choosing):
     def _with(self, value: Symbol, slopes: list[Symbol], at: Any = None, *x: Corners) -> Corners:
         """at: the value where it grows, if one of the arguments self, x, ... does."""
         a, b, c, d = slopes
-        found = Corners(value, a, b, c, d, self.dpi, self.ds)
+        result = Corners(value, a, b, c, d, self.dpi, self.ds)
         if at is None or all(y.ends is None for y in (self, *x)):
-            return found
-        return replace(found, ends=tuple(map(at, self.corners, *(y.corners for y in x))))
+            return result
+        return replace(result, ends=tuple(map(at, self.corners, *(y.corners for y in x))))
 
     def _apply(self, value: Symbol, rule: Rule, at: Callable[..., Symbol] | None = None) -> Corners:
         return self._with(value, [rule(*edge) for edge in self.edges], at)
@@ -176,8 +176,8 @@ class Corners(Choosing):
         e10, e01 = e00 + self.dpi * pi_at_s0, e00 + self.ds * s_at_pi0
         pi_at_s1 = e01 * phi(x11_pi) * self.pi_at_s1
         s_at_pi1 = e10 * phi(x11_s) * self.s_at_pi1
-        found = self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1])
-        return replace(found, ends=tuple(x.exp() for x in self.corners))
+        result = self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1])
+        return replace(result, ends=tuple(x.exp() for x in self.corners))
 
     def __abs__(self) -> Corners:
         return self._function(ops.OPERATIONS["abs"])
@@ -200,8 +200,8 @@ class Corners(Choosing):
         if row.name == "log" and self.ends is not None:
             return self._apply(value, lambda a, b, slope, _: slope * log_slope(a, b), at)
         if callable(rule):
-            found = self._apply(value, lambda a, b, slope, step: slope * rule(a, b, step * slope), at)
-            return replace(found, ends=tuple(map(at, self.corners))) if row.name in GROWING else found
+            result = self._apply(value, lambda a, b, slope, step: slope * rule(a, b, step * slope), at)
+            return replace(result, ends=tuple(map(at, self.corners))) if row.name in GROWING else result
         same: Corners = ops.evaluated(row.same, ops.as_methods(), *x)
         return replace(same, value=value)
 

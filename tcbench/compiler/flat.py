@@ -1,5 +1,5 @@
-"""Where formulas are flat to the last digit, so that nothing tells from there what lies ahead: far from a Gaussian
-exp(-(x/w)^2) or a front tanh(x/w) neither a value nor a slope, of any order, knows of it. Their arguments do.
+"""Arguments of functions that are flat to the last digit: far from a Gaussian exp(-(x/w)^2) or a front tanh(x/w)
+neither values nor slopes, of any order, show it. The arguments do.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ GROWING = ("exp", "expm1", "sinh", "cosh")
 
 
 class Argument(NamedTuple):
-    """u of an exponential, which is flat for u < -FLAT; on `both` sides that of tanh, and of 1/(1 + exp(u))."""
+    """u of exp(u), which is flat for u < -FLAT; `both`: flat on both sides, as tanh and 1/(1 + exp(u))."""
 
     u: Symbol
     both: bool
 
     def edges(self, level: float = FLAT) -> list[Symbol]:
-        """What passes 0 where u enters or leaves what is not flat."""
+        """Numbers that pass 0 where u enters or leaves the part that is not flat."""
         return [add(self.u, const(x)) for x in ((level, -level) if self.both else (level,))]
 
     def edge(self) -> Symbol:
-        """One number that is positive in all of what is not flat, and tells from afar how far it is."""
+        """A number that is positive in the part that is not flat, and elsewhere shows the distance to it."""
         if not self.both:
             return add(self.u, const(FLAT))
         return const(FLAT) - add(mul(self.u, self.u), const(1.0)).sqrt()
 
 
 def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Argument]:
-    """The arguments, each once, by which outputs may be flat on both sides of a place that the variables can pass.
+    """The arguments, each once, for which outputs may be flat on both sides of a place that the variables can pass.
 
-    An exponential of an affine function, or of one of logarithms (which makes it a power), grows on and on behind the
-    place where it begins to, and is seen from there; in the denominator of a sum it saturates.
+    An exponential of an affine function, or of one of logarithms (a power), grows behind the place where it begins to,
+    and is seen from there; in the denominator of a sum it saturates.
     """
     nodes, moving = topological(outputs), depends_on(list(outputs), list(variables))
     bent: set[int] = set()
@@ -48,7 +48,7 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
             bent.add(node.number)
     sums = [x for node in nodes if node.op == "recip" for x in node.args if x.op in ("add", "sub")]
     saturating = {x.number for x in topological(sums)}
-    found: dict[Symbol, bool] = {}
+    sides: dict[Symbol, bool] = {}
     for node in nodes:
         if node.number not in moving:
             continue
@@ -57,8 +57,8 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
             u = node.args[1] * u.log()
         elif node.op not in (*GROWING, "tanh"):
             continue
-        u = u + u if node.op == "tanh" else u  # which is 1 - 2/(1 + exp(2 u))
+        u = u + u if node.op == "tanh" else u  # tanh(u) is 1 - 2/(1 + exp(2 u))
         both = node.op in ("tanh", "sinh", "cosh") or node.number in saturating
         if node.op == "tanh" or node.number in saturating or node.args[-1].number in bent:
-            found[u] = found.get(u, False) or both
-    return [Argument(u, both) for u, both in found.items()]
+            sides[u] = sides.get(u, False) or both
+    return [Argument(u, both) for u, both in sides.items()]
