@@ -24,6 +24,7 @@ from .derivatives import (
     partials,
     rebuild,
     reciprocal,
+    substitute,
     topological,
 )  # fmt: skip
 from .divided_differences import FEW, GROWING, Corners, factors, log_slope, rectangle
@@ -65,7 +66,14 @@ def discrete_gradient(
         if node.op in arrays.LINEAR:
             edges[node.number] = Edge(value, rebuild(node.op, tuple(edge.step for edge in ends), node.value), at_end)
             continue
-        slopes[node.number] = along = divided_differences(node, ends, value)
+        of_zero = node.op == "pow" and node.args[1].number not in moving and not is_const(node.args[1])
+        if of_zero and not ends[0].value.positive and _never_negative(node.args[0]):  # its logarithm, beside 0
+            (end,) = substitute([node.args[0]], {x: a + d for x, a, d in zip(inputs, start, step, strict=True)})
+            base = Edge(ends[0].value + ops.TINY, ends[0].step, end + ops.TINY)
+            along = divided_differences(node, (base, ends[1]), base.value ** ends[1].value)
+        else:
+            along = divided_differences(node, ends, value)
+        slopes[node.number] = along
         change = ZERO
         for edge, slope in zip(ends, along, strict=True):
             change = change + slope * edge.step
@@ -85,6 +93,19 @@ def _degree(node: Symbol, of: Sequence[float]) -> float:
     if node.op in ("log", "log1p", "sin", "cos", "tanh", "atan", "atan2"):
         return 1.0
     return max(of) / 2.0 if node.op == "sqrt" else max(of)
+
+
+def _never_negative(node: Symbol) -> bool:
+    """Sizes, squares, max(u, 0) = (u + |u|)/2, and sums of such, exactly: round-off does not make them negative."""
+    if node.positive or node.op in ("abs", "sqrt", "hypot"):
+        return True
+    if node.op == "mul" and node.args[0] is not node.args[1]:
+        half, rest = node.args if is_const(node.args[0]) else node.args[::-1]
+        return half.positive and _never_negative(rest)
+    if node.op != "add":
+        return node.op == "mul"
+    both = any(x.op == "abs" and x.args[0] is y for x, y in (node.args, node.args[::-1]))
+    return both or all(map(_never_negative, node.args))
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,13 +24,13 @@ CHOICES = {
 }
 
 
-def moved(potential, t):
-    """(q, p) at t by forces that are differences of the potential of plain numbers, from (0.9, 0.2)."""
+def moved(potential, t, start=(0.9, 0.2)):
+    """(q, p) at t by forces that are differences of the potential of plain numbers."""
 
     def rate(t, z):
         return z[1], -float(potential(z[0] + 1e-6) - potential(z[0] - 1e-6)) / 2e-6
 
-    return solve_ivp(rate, (0.0, t), (0.9, 0.2), "DOP853", max_step=2e-3, rtol=1e-10, atol=1e-10).y[:, -1]
+    return solve_ivp(rate, (0.0, t), start, "DOP853", max_step=2e-3, rtol=1e-10, atol=1e-10).y[:, -1]
 
 
 @pytest.mark.parametrize("choice", CHOICES)
@@ -196,3 +196,27 @@ def test_comparisons_joined_are_conditions(condition):
     for q in (-0.7, 0.3, 0.8, 1.4, 2.5):
         slope = 2 * q if condition(np.float64(q)) else -1.0
         assert system.gradient(np.array([q, 0.0, 0.0]))[0] == pytest.approx(slope), q
+
+
+@pytest.mark.parametrize("n", [1.5, 2.5, 3.0, 4.0])
+@pytest.mark.parametrize("base", [
+    lambda q: abs(q), lambda q: np.maximum(q, 0), lambda q: abs(abs(q) + q) / 2, lambda q: 2 * np.sqrt(q**2),
+    lambda q: np.hypot(q, q), lambda q: np.maximum(q, 0) + abs(q) * 0.1,
+])  # fmt: skip
+def test_a_power_with_a_constant_of_the_system_as_exponent_passes_zero(base, n):
+    """Hertz's contact with the exponent among the constants: the logarithm of 0 left a step without a root."""
+
+    class Contact(Mechanical):
+        name = "contact"
+        constants = {"n": ()}
+
+        def energy(self, z):
+            return z.p**2 / 2 + base(z.q) ** self.n + z.q**2 / 9 + z.s
+
+    for q in (0.0, 0.5):
+        scenario = Scenario("contact", Contact, {"n": n}, initial={"q": q, "p": 1.0, "s": 0.0}, t_end=3.0, dt=0.02)
+        exact = moved(lambda x: base(np.float64(x)) ** n + x**2 / 9, 3.0, (q, 1.0))
+        for method in ("tc_monolithic", "tc_strang"):
+            run = tcbench.simulate(method, scenario)
+            assert run.ok and run.summary.energy_error_max < 1e-12, (method, q, run.failure)
+            assert np.abs(run.z[-1, :2] - exact).max() < 0.02, (method, q)
