@@ -81,6 +81,7 @@ def test_what_lines_only_begin_from_is_marked():
     assert len(stage.views[0].masses.get_xydata()) == 3
 
 
+@pytest.mark.thorough  # compiles solids
 @pytest.mark.parametrize("name", ["solid", "solid[element=hex]"])
 def test_a_solid_moves_on_its_mesh_filled_by_temperature(name, tmp_path):
     pytest.importorskip("skfem")
