@@ -23,7 +23,9 @@ BAD = [
 
 
 def test_each_entry_of_a_state_and_of_its_observables_is_judged():
-    run = Run(n=4, n_elements=2, n_invariants=1, n_observables=7, n_constants=0, n_others=2, n_rows=0, bound=1.0)
+    run = Run(
+        n=4, n_elements=2, n_invariants=1, n_observables=7, n_constants=0, n_others=2, n_rows=0, n_mended=0, bound=1.0
+    )
     run.observables[:] = 1.0
     for where, index, value, expected in BAD:
         z, now = np.full(4, 1e308), np.ones(7)  # energy, entropy, one momentum, two temperatures, two strain measures
