@@ -14,6 +14,7 @@ from tcbench.compiler.array_kernels import ArrayKernel, array_kernel, jacobian_k
 from tcbench.compiler.array_mesh import Block, alone, scattered
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.caches import cached, cached_per_system
+from tcbench.compiler.kernels import Kernel
 from tcbench.compiler.library import late_address
 from tcbench.errors import TcbenchError
 from tcbench.solver.foresight import Lending
@@ -30,6 +31,7 @@ FINEST = 1e-14  # of the residual: round-off is near
 SOLVED = 0  # see `step`
 MOST_ELEMENTS = 32  # of a network traced as a whole: ten times as fast after a few seconds
 MOST_VARIABLES = 300  # of a system that is traced as a whole
+LONG = 500  # lines of a kernel: a tenth of a second of LLVM, beside which a jump at each call is nothing
 NAMES = ("to_start", "to_motion", "to_slopes", "to_forces", "to_laws", "to_mend", "to_hold")  # of large systems
 
 
@@ -96,6 +98,11 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
     return LOOPS, Work(k=k, m=system.size, numbers=numbers, rows=1, n_factors=n_factors, **own, **found)
 
 
+def address_of(kernel: Kernel) -> int:
+    """Address of a kernel; a long one is compiled when it is first called: many runs of tc_auto never do."""
+    return late_address(kernel) if kernel.text.count("\n") > LONG else kernel.address
+
+
 def of_numbers(system: System, k: int, n_factors: int) -> dict[str, Any]:
     """The fields of a record for a system whose formulas are written out."""
     size = system.size
@@ -115,7 +122,7 @@ def of_numbers(system: System, k: int, n_factors: int) -> dict[str, Any]:
         "acts": np.isin(np.arange(n_lanes), made.own).astype(float),
         "n_nodes": 2 * size + projected, "n_carried": carried, "n_slopes": projected,
         "n_ends": made.kernels[0].size, "n_laws": made.kernels[5].size, "n_mended": made.kernels[6].size,
-        **dict(zip((*NAMES[:4], "to_matrix", *NAMES[4:]), (x.address for x in made.kernels), strict=True)),
+        **dict(zip((*NAMES[:4], "to_matrix", *NAMES[4:]), map(address_of, made.kernels), strict=True)),
         **on_vectors,
     }  # fmt: skip
 
