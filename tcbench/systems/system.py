@@ -50,7 +50,7 @@ class System(Formulas):
     Attributes
     ----------
     name : str
-        Of the kind of system.
+        Of the kind of system; that of the class by default.
     variables : mapping of str to tuple of int
         Name -> shape: () for a number, (3,) for three.
     constants : mapping of str to tuple of int
@@ -84,6 +84,8 @@ class System(Formulas):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
+        if "name" not in cls.__dict__ and cls.name in ("", *(base.__name__ for base in cls.__mro__)):
+            cls.name = cls.__name__
         check_class(cls)
         check_declared(cls, System)
         if isinstance(cls.reference_temperature, str):

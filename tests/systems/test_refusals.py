@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from mechanics import Mechanical
 
 import tcbench
 from tcbench import Scenario, TcbenchError
@@ -183,3 +184,23 @@ def test_what_a_formula_reads_is_what_it_names():
         class Reading(tcbench.Pendulum):
             def __getattribute__(self, name):
                 return object.__getattribute__(self, name)
+
+
+def test_a_class_without_a_name_is_called_by_its_own():
+    """Sentences said: no variable of '' is called 'w'."""
+
+    class Unnamed(Mechanical):
+        constants = {"k": ()}
+
+        def energy(self, z):
+            return z.p**2 + self.k * z.q**2 + z.s
+
+    class Heir(Unnamed):
+        pass
+
+    class Given(Unnamed):
+        name = "given"
+
+    assert [Unnamed.name, Heir.name, Given.name] == ["Unnamed", "Heir", "given"]
+    with pytest.raises(TcbenchError, match="No variable of 'Unnamed' is called 'w'"):
+        Scenario("x", Unnamed, {"k": 1}, initial={"q": 1, "p": 0, "s": 0, "w": 1}, t_end=1, dt=0.1)
