@@ -29,6 +29,7 @@ from ..study import Study
 from ..systems.scenario import Scenario
 from ..systems.scenario_family import ScenarioFamily
 from .files import RefusedError, at_home, forget_helpers, import_file, plugin_files
+from .guarded import guarded
 
 GROUP = "tcbench"
 HOOKS = [name for name in vars(hookspecs) if name.startswith("tcbench_")]
@@ -152,7 +153,8 @@ def _register(
 ) -> None:
     _LOADING.append(origin.path or origin.name)
     try:
-        module = importer()
+        with contextlib.nullcontext() if origin.distribution == OWN else guarded():
+            module = importer()
         _check_hooks(module)
         manager.register(module, name=label)
         manager.check_pending()
@@ -216,8 +218,11 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
             _LOADING.append(label)
             path = result.origins[label].path
             try:
-                of_file = path and not result.origins[label].distribution
-                with at_home(Path(path)) if of_file else contextlib.nullcontext():
+                distribution = result.origins[label].distribution
+                with (
+                    at_home(Path(path)) if path and not distribution else contextlib.nullcontext(),
+                    contextlib.nullcontext() if distribution == OWN else guarded(),
+                ):
                     items = _checked(implementation.function(), kind, hook_name)
             except BaseException as error:
                 if isinstance(error, KeyboardInterrupt):
