@@ -80,23 +80,24 @@ def projection(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any,
     """
     change = z0 - start
     weights = by_variable(system, change, change) + STILL * squares(system, z0)
-    return towards(system, z0, z1, start, first, moved, weights)
+    return towards(system, z0, z1, start, first, weights)
 
 
 def projection_of_output(z0: Any, z1: Any, h: Any, system: System, start: Any, first: Any, moved: Any) -> Any:
     """`projection` of a solver's output; `start` is the one before."""
-    return towards(system, z0, z1, start, first, moved, squares(system, z0))
+    return towards(system, z0, z1, start, first, squares(system, z0))
 
 
-def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, moved: Any, weights: Any) -> Any:
+def towards(system: System, z0: Any, z1: Any, start: Any, first: Any, weights: Any) -> Any:
     """The correction (n,) of z1 to the laws of `first` and at least the entropy of `start`, by slopes at z0."""
-    entropy, held = system.entropy(start), positions(system, z1)
+    entropy = system.entropy(start)
     wanted = [*laws(system, first)[:-1], entropy - ROUNDED * (system.entropy_magnitude + abs(entropy))]
-    slopes = [*position_slopes(system, z0), *gradients(system, z0)]
-    along = Along(system, slopes, lambda slope: weights * slope)
-    values = along.before([*held, *laws(system, z1)], moved)
-    misses = [a - f for a, f in zip([*[0.0] * len(held), *wanted], values, strict=True)]
-    return moved - along.move(misses, at_least=True)
+    misses = [target - f for target, f in zip(wanted, laws(system, z1), strict=True)]
+    misses, slopes = (
+        [*(-g for g in positions(system, z1)), *misses],
+        [*position_slopes(system, z0), *gradients(system, z0)],
+    )
+    return -Along(system, slopes, lambda slope: weights * slope).move(misses, at_least=True)
 
 
 def squares(system: System, z: Any) -> Any:

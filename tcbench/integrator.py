@@ -56,7 +56,7 @@ class Flow:
         ended. What it returns is taken from z1, which begins as z0, once or twice; and so anew from there, where moved
         is 0, `most` times at most, until the state has the energy and the invariants of the run's first state and no
         less entropy than before the step. If it never has, the step fails. The first z0 is where corrections of the
-        last steps let this one expect to end: of what a formula takes back of moved, it makes the shortest move again.
+        last steps let this one expect to end, or where the step ended if the formula does not read moved.
 
     Raises
     ------

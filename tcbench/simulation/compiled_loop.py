@@ -20,6 +20,7 @@ FIRST, BEFORE, NOW = range(3)  # rows of `observables`
 # relative error that corrections may leave: `missed` tells of laws if it is more than round-off; of constraints nobody
 # looks, and small numbers of a state may show it
 LITTLE, CERTAIN = 1e-16, 1e-22
+TIGHTER = 1e-2  # factor of what a run leaves from then on, once that was missed
 NOT_ZERO = 1e-300  # square of a state
 TELLING = 0.1  # square of a third difference over that of the last correction: more of it tells nothing of the next
 SHARE, ROUGH = 1e-4, 1e-9  # error of a step's root, over its correction; and at most, scaled
@@ -215,38 +216,52 @@ def mended(run: Run, z: Floats, after: Floats, now: Floats) -> bool:
     """
     flow, first, entropy = run.flows[run.n_flows], run.observables[FIRST], run.observables[BEFORE, S]
     expected, moved, left, before = run.others[MOVED], flow.dz, np.inf, np.inf
-    near = CERTAIN if run.flows[0].constrained else LITTLE
+    near = flow.foreseen.enough
     flow.c[0] = flow.h
-    for i in range(run.n):
-        moved[i] = expected[i]
-        after[i] += moved[i]
+    foreseen = flow.foreseen.near
+    once, whole = not foreseen, 0.0  # slopes are taken once anyway, and nothing need be expected
+    if foreseen:
+        for i in range(run.n):
+            after[i] += expected[i]
     for k in range(1, flow.most + 1):
-        if k == 2:  # what the first has led to is corrected further, not begun anew
+        if k == 2 and foreseen:  # what the first has led to is corrected further, not begun anew
             fill(expected, 0.0)
         call(flow.prologue, after, flow.c, flow.w)
         change, step = flow.w[run.n] / max(flow.w[run.n + 1], NOT_ZERO), flow.w
         if not change < np.inf:
             return False
+        if k == 1:
+            whole = change
         done = change <= near
+        once = once and done
         if not done and change * change * change <= near * near:
             call(flow.polish, flow.w, flow.w, flow.d)
             done, step = True, flow.d
         for i in range(run.n):
-            moved[i] += step[i]
             after[i] += step[i]
+        if flow.foresees and k == 1:
+            for i in range(run.n):
+                moved[i] = expected[i] + step[i]
+        elif flow.foresees:
+            for i in range(run.n):
+                moved[i] += step[i]
         if done or k == flow.most:
             open_step(run, after)
             before, left = left, missed(now, first, entropy, run.allowed)
             if left <= 1.0 or not left < SHRUNK * before or k == flow.most:
                 break
+            flow.foreseen.enough = max(CERTAIN, TIGHTER * near)
             copy_into(run.others[0], z)
-    expect(run, moved, max(flow.w[run.n + 1], NOT_ZERO))
+    if flow.foresees and not once:
+        whole = expect(run, moved) / max(flow.w[run.n + 1], NOT_ZERO)
+    for i in range(run.n_flows):
+        run.flows[i].foreseen.enough = min(ROUGH, SHARE * whole**0.5)
     return left <= 1.0 or rounded(run, now, entropy)
 
 
-def expect(run: Run, moved: Floats, size: float) -> None:
+def expect(run: Run, moved: Floats) -> float:
     """From what corrections have moved in a step to what they will in the next: where a cubic through the last four
-    points to, if they tell, as they do not beside a kink. size: square of the state.
+    points to, if they tell, as they do not beside a kink. Returns the square of `moved`, shape (n,).
     """
     expected, past, whole, error = run.others[MOVED], run.past, 0.0, 0.0
     for i in range(run.n):
@@ -260,10 +275,10 @@ def expect(run: Run, moved: Floats, size: float) -> None:
         expected[i] = move + first + second + third
         whole += move * move
         error += third * third
-    for k in range(run.n_flows):
-        run.flows[k].foreseen.enough = min(ROUGH, SHARE * (whole / size) ** 0.5)
+    run.flows[run.n_flows].foreseen.near = error < TELLING * whole
     if not error < TELLING * whole:
         fill(expected, 0.0)
+    return whole
 
 
 @rare
@@ -328,6 +343,8 @@ def march(run: Run, start: int, stop: int) -> int:
         for k in range(run.n_flows):
             forget(run.flows[k])
         if run.mends:
+            forget(run.flows[run.n_flows])
+            run.flows[run.n_flows].foreseen.enough = CERTAIN if run.flows[0].constrained else LITTLE
             fill(run.others[MOVED], 0.0)
             for k in range(3):
                 fill(run.past[k], 0.0)

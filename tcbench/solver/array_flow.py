@@ -104,7 +104,8 @@ def _array_flow(flow: Flow, net: Any) -> Made:
             iterate=iterate.kernel(mesh.with_entries(pattern.nnz if pattern else 0), places, extra=1),
             polish=polish.kernel(mesh), finish=finish.kernel(mesh), full=full.kernel(mesh),
             n_unknowns=n, n_eliminated=0, n_positive=n_positive, n_shared=sum(map(mesh.size, shared_spaces)),
-            pattern=pattern, steep=steep, constrained=constrained_, mends=bool(eq.again) and flow.chosen != (),
+            pattern=pattern, steep=steep, constrained=constrained_, foresees=eq.foresees,
+            mends=bool(eq.again) and flow.chosen != (),
             way=(f"sparse: {n} unknowns" if n else "explicit") + ", in loops over the elements",
         )  # fmt: skip
 

@@ -35,8 +35,8 @@ class Equations:
 
     start : states at the start of step and run, and what corrections have moved; or slopes of earlier steps. d :
     increments, those of stages behind. dz : increments of the state. again : those after one more correction along the
-    same slopes, of `Flow.most`. positive : temperatures among the unknowns. inverse_sizes : 1/size of each increment,
-    impulse and number.
+    same slopes, of `Flow.most`. foresees : does what is made of d read what was moved? positive : temperatures among
+    the unknowns. inverse_sizes : 1/size of each increment, impulse and number.
     """
 
     h: Symbol
@@ -48,6 +48,7 @@ class Equations:
     numbers: list[Symbol]
     dz: Any
     again: list[Symbol]
+    foresees: bool
     positive: list[Symbol]
     inverse_sizes: dict[Symbol, Symbol]
 
@@ -69,8 +70,10 @@ def equations_of(flow: Flow, system: Any) -> Equations:
     numbers = {name: variable("number", NUMBER) for name in flow.numbers}
     more = [*further(flow, system, z0, h, start), *([numbers] if numbers else [])]
     found, equations = _rows(flow, view, y0, h, steps, more)
-    rows, again = checked_rows(flow, found, d), list[Symbol]()
+    rows, again, foresees = checked_rows(flow, found, d), list[Symbol](), False
     if flow.most > 1:
+        reads = trace.depends_on(rows, entries(start[MOVED]))
+        foresees = any(row.number in reads for row in rows)
         ends = [trace.sub(x, row) for x, row in zip(d, rows, strict=True)]
         once, again = (trace.substitute(ends, dict.fromkeys(x, const(0.0))) for x in (d, entries(start[MOVED])))
         rows = [trace.sub(x, end) for x, end in zip(d, once, strict=True)]
@@ -101,7 +104,7 @@ def equations_of(flow: Flow, system: Any) -> Equations:
         ds = entries(system.entropy_increments(flow.variables, y0, y1))
         dz = refilled(dy, [*entries(dy)[: -len(ds)], *ds])
     positive = entries(y1.theta) if flow.variables == "temperature" else []
-    return Equations(h, z0, start, d, reduction, impulses, [*numbers.values()], dz, again, positive, inverse)
+    return Equations(h, z0, start, d, reduction, impulses, [*numbers.values()], dz, again, foresees, positive, inverse)
 
 
 def _rows(flow: Flow, system: Any, y0: Any, h: Symbol, steps: Sequence[Any], more: Sequence[Any]) -> Any:

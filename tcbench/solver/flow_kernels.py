@@ -102,8 +102,8 @@ def _build(flow: Flow, sym: System) -> FlowKernels:
         n_unknowns=len(x),
         n_eliminated=len(parts.moved),
         n_positive=len(positive),
-        foresees=pattern is None
-        and not isinstance(sym, ElementSystem),  # theirs have a nearer guess than the last roots: `near_start`
+        # systems of elements have a nearer guess than the last roots: `near_start`
+        foresees=eq.foresees if eq.again else pattern is None and not isinstance(sym, ElementSystem),
         steep=has_roots(reduction.rows),
         pattern=pattern,
         constrained=bool(eq.impulses),

@@ -50,7 +50,7 @@ class FlowKernels:
     n_eliminated: int
     n_positive: int
     n_shared: int = 0  # the last of the unknowns, of which nothing is read: what others make them is in its place
-    foresees: bool = False  # see newton.foresee
+    foresees: bool = False  # see newton.foresee; of corrections compiled_loop.expect
     mends: bool = False  # it ends a step by corrections: see Flow.most
     constrained: bool = False  # has impulses among its unknowns, which need not vanish at h = 0
     steep: bool = False  # may have slopes that are not finite: see linear_algebra.STEEPEST
