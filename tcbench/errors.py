@@ -207,6 +207,11 @@ def misnamed(error: BaseException) -> str:
         known = [name for name in dir(error.obj) if not name.startswith("_")]
         if close := difflib.get_close_matches(error.name, known, n=1):
             return f"{who!r} has no {error.name!r} (did you mean {close[0]!r}?)"
+    if matrix := re.search("cast ufunc '([a-z]+)1?' input.*dtype.'O'", text):  # of numpy.linalg, which has no objects
+        return (
+            f"np.linalg.{matrix[1]} of formulas runs on tensors over a space alone. Write it out: [[a, b], [c, d]] has "
+            "the inverse [[d, -b], [-c, a]] / (a d - b c)"
+        )
     return text
 
 

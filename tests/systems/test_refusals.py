@@ -204,3 +204,18 @@ def test_a_class_without_a_name_is_called_by_its_own():
     assert [Unnamed.name, Heir.name, Given.name] == ["Unnamed", "Heir", "given"]
     with pytest.raises(TcbenchError, match="No variable of 'Unnamed' is called 'w'"):
         Scenario("x", Unnamed, {"k": 1}, initial={"q": 1, "p": 0, "s": 0, "w": 1}, t_end=1, dt=0.1)
+
+
+@pytest.mark.parametrize("called", ["inv", "det", "solve"])
+def test_linear_algebra_of_single_numbers_is_refused_with_what_to_write(called):
+    """A double pendulum's mass matrix: numpy's own words were of a ufunc and dtype('O')."""
+
+    def energy(self, z):
+        matrix = np.array([[2.0 + 0.0 * z.q, np.cos(z.q)], [np.cos(z.q), 1.0 + 0.0 * z.q]])
+        function = getattr(np.linalg, called)
+        return np.sum(function(matrix, np.array([z.p, 0 * z.p])) if called == "solve" else function(matrix)) + z.p**2
+
+    kind = type("Double", (Mechanical,), {"name": "double", "energy": energy})
+    run = Scenario("double", kind, {}, initial={"q": 0.1, "p": 0.2, "s": 0.0}, t_end=1.0, dt=0.1)
+    with pytest.raises(TcbenchError, match=rf"np.linalg.{called} of formulas runs on tensors .* has the inverse"):
+        tcbench.simulate("tc_monolithic", run)
