@@ -35,6 +35,7 @@ MOST_METHODS, MOST_FRAMES = 4, 10_000
 SUFFIXES = (".gif", ".mp4", ".html")
 ROOM = 0.06  # of a view around what the runs that ended well need: a run that flies apart leaves it
 WIDEST = 0.6  # the same where no run ended well, around the start
+IN_A_ROW = 5  # laws; more stand in two rows
 LOST = 3.0  # errors of the energy over V0 that are shown
 BAD, PLAIN = "#b00020", "#222222"
 
@@ -177,8 +178,11 @@ class _Stage:
         self.times = np.linspace(0.0, max(run.t[-1] for run in runs), frames)
         self.rows = [np.searchsorted(run.t, self.times, side="right") - 1 for run in runs]
         laws = [_laws(run) for run in runs]
-        self.figure = Figure(figsize=(3.4 * max(2, len(runs), 0.7 * len(laws[0])), 6.2), layout="constrained")
-        parts: Any = self.figure.subfigures(2, 1, height_ratios=(1.35, 1))
+        n_rows = 1 if len(laws[0]) <= IN_A_ROW else 2
+        columns = -(-len(laws[0]) // n_rows)
+        size = 3.4 * max(2, len(runs), 0.7 * columns), 3.6 + 2.6 * n_rows
+        self.figure = Figure(figsize=size, layout="constrained")
+        parts: Any = self.figure.subfigures(2, 1, height_ratios=(3.6, 2.6 * n_rows))
         above, below = parts
         try:
             self.views: Any = _views(above, runs)
@@ -188,9 +192,11 @@ class _Stage:
             axes = [view.ax for view in self.views]
             above.colorbar(self.views[0].springs, ax=axes, label="temperature θ", shrink=0.8, pad=0.01)
         above.suptitle(runs[0].scenario.name)
-        panels = below.subplots(1, len(laws[0]), squeeze=False)[0]
+        panels = below.subplots(n_rows, columns, squeeze=False).ravel()
+        for ax in panels[len(laws[0]) :]:
+            ax.set_axis_off()
         self.lines: list[list[Any]] = [[] for _ in runs]  # of each run (line, times, values)
-        for ax, label in zip(panels, laws[0], strict=True):
+        for ax, label in zip(panels, laws[0], strict=False):
             self._running(
                 ax, label, runs, [of.get(label, np.full(len(r.t), np.nan)) for of, r in zip(laws, runs, strict=True)]
             )
