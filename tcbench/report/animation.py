@@ -222,7 +222,9 @@ class _Stage:
                 ax.axhspan(-ROUND_OFF, ROUND_OFF, color="#808080", alpha=0.3, linewidth=0)
         room = 0.08 * (high - low) or 1e-12
         ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
-        ax.yaxis.set_major_formatter(lambda value, _: f"{value:.3g}")
+        largest = max(abs(low), abs(high), room)
+        digits = 3 + int(np.log10(1.0 + largest / (high - low + room)))  # else all ticks of a narrow range say the same
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:.{digits}g}")
 
     def show(self, frame: int) -> list[Any]:
         """Move everything to this frame."""
