@@ -7,7 +7,7 @@ systems of any size, so that tests of small ones hold for large ones.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from types import MappingProxyType
@@ -27,6 +27,7 @@ from .symbols import Symbol
 CHEAP = ("add", "sub", "mul", "neg")
 LANES = 4  # entries side by side in a record: a short vector of AVX2, half of one of AVX-512
 START = {"add": "0.0", "max": "-inf", "min": "inf"}  # initial value of a sum, a maximum, a minimum
+Target = tuple[Symbol, Any, str]  # a value that is wanted, its place, the space of that
 
 
 @dataclass
@@ -90,7 +91,8 @@ def array_kernel(inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block]
     behind : intermediate arrays stand behind the outputs. Otherwise each call allocates them, and the first touch of
     new pages took a third of the time for a chain of 100,000 masses.
     """
-    return Writer(inputs, outputs, (), -1, behind).written()
+    writer = Writer(stored(inputs), outputs, behind=behind)
+    return writer.written(inputs, outputs, writer.lines())
 
 
 def jacobian_kernel(
@@ -98,7 +100,9 @@ def jacobian_kernel(
     last: Sequence[Block], behind: bool = False,
 ) -> ArrayKernel:  # fmt: skip
     """`array_kernel` with the entries of a Jacobian, the sums of its terms, between other outputs."""
-    return Writer(inputs, [*before, Block(ENTRIES, (None,)), *last], terms, len(before), behind).written()
+    outputs = [*before, Block(ENTRIES, (None,)), *last]
+    writer = Writer(stored(inputs), outputs, terms, len(before), behind)
+    return writer.written(inputs, outputs, writer.lines())
 
 
 def _wanted(outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]]) -> list[Symbol]:
@@ -141,24 +145,41 @@ def stored(inputs: Mapping[str, Sequence[Block]]) -> dict[int, Place]:
     }  # fmt: skip
 
 
-class Writer:
-    def __init__(
-        self, inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block],
-        terms: Sequence[tuple[Term, Symbol]], terms_at: int, behind: bool,
-    ) -> None:  # fmt: skip
-        self.behind = behind
-        self.inputs, self.terms_at = inputs, terms_at
-        placed = stored(inputs)
-        self.outputs, self.terms = gathered(placed, outputs, terms)
-        self.head: dict[tuple[Any, ...], int] = {}
-        self.arrays: list[str] = []
-        self.rows: dict[str, int] = {}
-        self.counter: Iterator[int] = count()
-        self.buffer: Place | None = None  # for the slopes of a group of terms
-        self._plan(placed)
+@dataclass
+class Shared:
+    """What the parts of one text share: its table, its intermediate arrays, the rows of its records, its names."""
 
-    def _plan(self, placed: dict[int, Any]) -> None:
-        self.stored, self.given = placed, set(placed)
+    head: dict[tuple[Any, ...], int] = field(default_factory=dict)
+    arrays: list[str] = field(default_factory=list)
+    rows: dict[str, int] = field(default_factory=dict)
+    counter: Iterator[int] = field(default_factory=count)
+
+    def array(self, space: str) -> Place:
+        """Add an intermediate array over a space."""
+        self.arrays.append(space)
+        return Place("s", len(self.arrays) - 1)
+
+    def new(self, space: str, rows: int = 1) -> int:
+        """Add rows to the records of a space; returns the first one."""
+        row = self.rows.get(space, 0)
+        self.rows[space] = row + rows
+        return row
+
+
+class Writer:
+    """The text of a kernel, or of a part of one, in loops over single entries.
+
+    placed : by number, the place of each symbol that is given. terms_at : the output that is the Jacobian, or -1.
+    """
+
+    def __init__(
+        self, placed: Mapping[int, Any], outputs: Sequence[Block], terms: Sequence[tuple[Term, Symbol]] = (),
+        terms_at: int = -1, behind: bool = False, shared: Shared | None = None,
+    ) -> None:  # fmt: skip
+        self.shared, self.behind, self.terms_at = shared or Shared(), behind, terms_at
+        self.outputs, self.terms = gathered(placed, outputs, terms)
+        self.buffer: Place | None = None  # for the slopes of a group of terms
+        self.stored, self.given = dict(placed), set(placed)
         self.names: dict[int, str] = {}
         self.nodes = topological(_wanted(self.outputs, self.terms), self.given)
         self.level = self._levels()
@@ -189,7 +210,8 @@ class Writer:
 
     def slot(self, *what: Any) -> str:
         """The name of the table's number that is `what`."""
-        return f"n{self.head.setdefault(what, len(self.head))}"
+        head = self.shared.head
+        return f"n{head.setdefault(what, len(head))}"
 
     def item(self, place: Place, i: str) -> str:
         start = self.slot("at", place.letter, place.block)
@@ -200,21 +222,18 @@ class Writer:
         return f"{array}[{start} + {place.of} * ({i}) + {place.component}]"
 
     def fresh(self, letter: str) -> str:
-        return f"{letter}{next(self.counter)}"
+        return f"{letter}{next(self.shared.counter)}"
 
-    def _array(self, node: Symbol) -> Place:
-        self.arrays.append(node.space)
-        return Place("s", len(self.arrays) - 1)
+    def _array(self, node: Symbol) -> Any:
+        return self.shared.array(node.space)
 
-    def written(self) -> ArrayKernel:
-        text = self.text(self.lines())
-        return ArrayKernel(text, list(self.head), self.inputs, self.outputs, self.arrays, self.behind)
-
-    def text(self, lines: list[str]) -> str:
-        """The source of a kernel of these lines, with the numbers of the table that they name."""
-        if (self.arrays or self.rows) and not self.behind:
+    def written(self, inputs: Mapping[str, Sequence[Block]], outputs: Sequence[Block], lines: list[str]) -> ArrayKernel:
+        """The kernel of these lines."""
+        shared = self.shared
+        if (shared.arrays or shared.rows) and not self.behind:
             lines = [f"s = scratch({self.slot('at', 's', -1)})", *lines, "release(s)"]
-        return text_of([*(f"n{k} = table[{k}]" for k in range(len(self.head))), *lines])
+        text = text_of([*(f"n{k} = table[{k}]" for k in range(len(shared.head))), *lines])
+        return ArrayKernel(text, list(shared.head), inputs, outputs, shared.arrays, self.behind, shared.rows)
 
     def lines(self) -> list[str]:
         """The lines of the kernel: sums are set to 0, then the loops."""
@@ -242,10 +261,9 @@ class Writer:
                     body += self._joined(node)
             for space in sorted(s for d, s in stages if d == depth):
                 body += self._loop(depth, space)
-        return [*first, *body, *self._last()]
+        return [*first, *body, *self._copies(self.targets())]
 
-    def targets(self) -> Iterator[tuple[Symbol, Any, str]]:
-        """The wanted values, each with its place and its space."""
+    def targets(self) -> Iterator[Target]:
         for k, block in enumerate(self.outputs):
             for c, x in enumerate(block.symbols):
                 if x is not None:
@@ -318,18 +336,23 @@ class Writer:
         return [f"{name} = float({self.slot('size', node.value)})"]
 
     def _joined(self, node: Symbol) -> list[str]:
-        places = [self.stored[node.number].part(node.value, k) for k in range(len(node.args))]
-        each = zip(places, node.args, node.value.split("+"), strict=True)
-        return [line for place, x, space in each for line in self._copy(place, x, space)]
+        places = (self.stored[node.number].part(node.value, k) for k in range(len(node.args)))
+        return self._copies(zip(node.args, places, node.value.split("+"), strict=True))
 
-    def _copy(self, place: Place, x: Symbol, space: str) -> list[str]:
-        """Copy an array, or a number for each of its entries, to a place, unless it was computed there."""
-        if self.stored.get(x.number) == place and x.number not in self.given:
-            return []
-        value = "" if x.space else self._number(x)
-        return self._loop_over(
-            space, lambda i: [f"{self.item(place, i)} = {value or self.item(self.stored[x.number], i)}"]
-        )
+    def _copies(self, targets: Iterable[Target]) -> list[str]:
+        """Write values to places where no loop has: numbers, inputs, parts of others, and repeated ones."""
+        copied: dict[str, list[tuple[Any, Symbol]]] = {}
+        for x, place, space in targets:
+            if self.stored.get(x.number) != place or x.number in self.given:
+                copied.setdefault(space, []).append((place, x))
+        return [line for space in copied for line in self._copied(space, copied[space])]
+
+    def _copied(self, space: str, copied: Sequence[tuple[Any, Symbol]]) -> list[str]:
+        def body(i: str) -> list[str]:
+            values = (self.item(self.stored[x.number], i) if x.space else self._number(x) for _, x in copied)
+            return [f"{self.item(place, i)} = {value}" for (place, _), value in zip(copied, values, strict=True)]
+
+        return self._loop_over(space, body) if space else body("0")
 
     def _zero(self, space: str, place: Place) -> list[str]:
         return self._loop_over(space, lambda i: [f"{self.item(place, i)} = 0.0"])
@@ -339,10 +362,3 @@ class Writer:
 
     def _loop(self, depth: int, space: str) -> list[str]:
         return self._loop_over(space, lambda i: Loop(self, depth, space, i).lines)
-
-    def _last(self) -> list[str]:
-        """Write the outputs that no loop has written: numbers, inputs, parts of others, and repeated ones."""
-        lines = []
-        for x, place, space in self.targets():
-            lines += self._copy(place, x, space) if space else [f"{self.item(place, '0')} = {self._number(x)}"]
-        return lines

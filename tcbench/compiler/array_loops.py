@@ -98,8 +98,7 @@ class Loop:
         """Add the slopes of a group of terms to the Jacobian, in an inner loop."""
         w = self.w
         if w.buffer is None:
-            w.arrays.append(f"#{GROUP}")
-            w.buffer = Place("s", len(w.arrays) - 1)
+            w.buffer = w.shared.array(f"#{GROUP}")
         self.lines += [f"{w.item(w.buffer, str(m))} = {value}" for m, value in enumerate(values)]
         each = w.fresh("i")
         self.lines.append(f"for {each} in range({w.slot('size', f'#{len(group)}')}):")

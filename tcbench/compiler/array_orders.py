@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from .array_kernels import ArrayKernel, stored
+from .array_kernels import ArrayKernel, Shared, Target, stored
 from .array_mesh import Block
-from .array_records import Middle, Output, Part, Shared, Slot, Targets
+from .array_records import Middle, Output, Part, Slot
 from .arrays import NUMBER, variable
 from .derivatives import lifted, topological
 from .kernels import fixed_values
@@ -67,7 +67,7 @@ class Orders:
         times = self.order + 1
         return [*self.series * times, *(Block(NUMBER, (x,)) for x in self.last), *self.beside * times]
 
-    def placed(self, values: Sequence[Symbol], order: str) -> Targets:
+    def placed(self, values: Sequence[Symbol], order: str) -> list[Target]:
         """The coefficients of one order, each with its place."""
         behind = len(self.series) * (self.order + 1) + len(self.last)
         blocks = [(first + k, len(group), b) for first, group in ((0, self.series), (behind, self.beside))
@@ -83,8 +83,8 @@ def orders_kernel(inputs: Mapping[str, Sequence[Block]], what: Orders) -> ArrayK
     shared, kept, here = Shared(), what.kept, stored(inputs)
     for x in kept:
         x.row = shared.new(x.space, what.order + x.ahead)
-    first: Targets = [(value, Slot(x.space, x.row + n), x.space) for x in kept for n, value in x.first.items()]
-    repeated: Targets = [(lifted(x.next), Slot(x.space, x.row + x.ahead, "k"), x.space) for x in kept]
+    first: list[Target] = [(value, Slot(x.space, x.row + n), x.space) for x in kept for n, value in x.first.items()]
+    repeated: list[Target] = [(lifted(x.next), Slot(x.space, x.row + x.ahead, "k"), x.space) for x in kept]
     repeated += what.placed(what.values[2], "(k + 1)")
     given = {x.number: place for x, place, space in reversed(first) if x.space == space and x.op != "const"}
     given |= {value.number: Slot(x.space, x.row + n, "k") for x in kept for n, value in x.past.items()}
@@ -99,9 +99,8 @@ def orders_kernel(inputs: Mapping[str, Sequence[Block]], what: Orders) -> ArrayK
     loop = Middle(shared, given, repeated)
     ends = [target for n, row in enumerate(what.ends) for target in what.placed(row, str(what.order - 1 + n))]
     at = len(what.series) * (what.order + 1)
-    last: Targets = [(x, Output(at + n, at + n, 0, 1, "0"), NUMBER) for n, x in enumerate(what.last)]
+    last: list[Target] = [(x, Output(at + n, at + n, 0, 1, "0"), NUMBER) for n, x in enumerate(what.last)]
     end = Part(shared, {**here, **{x.number: place for x, place, _ in ends}}, last)
     body = [f"{loop.item(given[what.k.number], '0')} = float(k)", *loop.lines()]
     lines = [*start.lines(), f"for k in range(1, {what.order}):", *(f"    {x}" for x in body), *end.lines()]
-    text = start.text(lines)
-    return ArrayKernel(text, list(shared.head), inputs, what.outputs, shared.arrays, False, shared.rows)
+    return start.written(inputs, what.outputs, lines)

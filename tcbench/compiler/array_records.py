@@ -6,13 +6,12 @@ A row of the entries from i on, i a multiple of LANES, is a short vector.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import count, groupby
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from .array_kernels import LANES, Writer, gathered
+from .array_kernels import LANES, Shared, Target, Writer
 from .array_loops import WHOLE, Loop, Place
 from .array_mesh import Block
 from .arrays import Path
@@ -30,6 +29,10 @@ class Slot(NamedTuple):
     order: str = ""
     before: str = ""
 
+    def part(self, space: str, k: int) -> Slot:
+        """The k-th of joined arrays over space "a+b"."""
+        return self._replace(before="+".join(space.split("+")[:k]))
+
 
 class Output(NamedTuple):
     """A component of a block of `out`, or of the block `order` times as far behind it as `second` is."""
@@ -41,37 +44,14 @@ class Output(NamedTuple):
     order: str
 
 
-Targets = list[tuple[Symbol, Any, str]]  # value, its place, its space
-
-
-@dataclass
-class Shared:
-    """The parts of one text share a table, intermediate arrays and rows of records."""
-
-    head: dict[tuple[Any, ...], int] = field(default_factory=dict)
-    arrays: list[str] = field(default_factory=list)
-    rows: dict[str, int] = field(default_factory=dict)
-    counter: Iterator[int] = field(default_factory=count)
-
-    def new(self, space: str, rows: int = 1) -> int:
-        """Add rows; returns the first one."""
-        row = self.rows.get(space, 0)
-        self.rows[space] = row + rows
-        return row
-
-
 class Part(Writer):
-    """A part of the text, in loops over single entries."""
+    """A part of a text that reads records, in loops over single entries."""
 
-    def __init__(self, shared: Shared, given: Mapping[int, Any], wanted: Targets) -> None:
-        self.shared, self.counter = shared, shared.counter
-        self.head, self.arrays, self.rows = shared.head, shared.arrays, shared.rows
-        self.behind, self.terms_at, self.buffer = False, -1, None
+    def __init__(self, shared: Shared, given: Mapping[int, Any], wanted: Sequence[Target]) -> None:
+        super().__init__(given, [Block(space, (x,)) for x, _, space in wanted], shared=shared)
         self.wanted = [place for _, place, _ in wanted]
-        self.outputs, self.terms = gathered(given, [Block(space, (x,)) for x, _, space in wanted], ())
-        self._plan(dict(given))
 
-    def targets(self) -> Iterator[tuple[Symbol, Any, str]]:
+    def targets(self) -> Iterator[Target]:
         for block, place in zip(self.outputs, self.wanted, strict=True):
             yield lifted(block.symbols[0]), place, block.space
 
@@ -95,21 +75,6 @@ class Part(Writer):
             return [f"{i}o = ({i} - {lane}) * {self.slot('rows', space)} + {lane}", *lines]
 
         return super()._loop_over(space, with_offset)
-
-    def _last(self) -> list[str]:
-        copies: dict[str, list[tuple[Any, Symbol]]] = {}
-        for x, place, space in self.targets():
-            if self.stored.get(x.number) != place or x.number in self.given:
-                copies.setdefault(space, []).append((place, x))
-
-        return [line for space in copies for line in self._copies(space, copies[space])]
-
-    def _copies(self, space: str, copied: Sequence[tuple[Any, Symbol]]) -> list[str]:
-        def body(i: str) -> list[str]:
-            values = (self.item(self.stored[x.number], i) if x.space else self._number(x) for _, x in copied)
-            return [f"{self.item(place, i)} = {value}" for (place, _), value in zip(copied, values, strict=True)]
-
-        return self._loop_over(space, body) if space else body("0")
 
     def record(self, place: Slot) -> str:
         """The text of the place of the first record, at the slot's order."""
@@ -158,25 +123,25 @@ class Middle(Part):
             whole = self.stored.setdefault(node.number, self._array(node))
             for k, x in enumerate(node.args):
                 if x.space and x.number not in self.given:
-                    self.places.setdefault(x.number, []).append(part_of(whole, k))
-                    self.stored.setdefault(x.number, part_of(whole, k))
+                    self.places.setdefault(x.number, []).append(whole.part(node.value, k))
+                    self.stored.setdefault(x.number, whole.part(node.value, k))
         for node in computed:
             if node.op == "part":
-                self.stored[node.number] = part_of(self.stored[node.args[0].number], node.value[0])
+                k, space = node.value
+                self.stored[node.number] = self.stored[node.args[0].number].part(space, k)
             elif node.number in kept and node.space and node.number not in self.stored:
                 self.stored[node.number] = self._array(node)
 
-    def _joined(self, node: Symbol) -> list[str]:
-        """Copies into joined arrays of values that no loop computes."""
-        parts = [(part_of(self.stored[node.number], k), x) for k, x in enumerate(node.args)]
-        spaces = zip(parts, node.value.split("+"), strict=True)
-        return [line for (place, x), space in spaces if not self.is_made(x) for line in self._copied(place, x, space)]
+    def _copies(self, targets: Iterable[Target]) -> list[str]:
+        lines = []
+        for x, place, space in targets:
+            if not space:
+                lines.append(f"{self.item(place, '0')} = {self._number(x)}")
+            elif not x.space or x.number in self.given or x.op in WHOLE:  # a loop writes others to all their places
+                lines += self._lanes_copied(place, x, space)
+        return lines
 
-    def is_made(self, x: Symbol) -> bool:
-        """Does a loop write x to all its places?"""
-        return bool(x.space) and x.number not in self.given and x.op not in WHOLE
-
-    def _copied(self, place: Any, x: Symbol, space: str) -> list[str]:
+    def _lanes_copied(self, place: Any, x: Symbol, space: str) -> list[str]:
         def body(i: str) -> list[str]:
             source = self.row(self.stored[x.number], i) if x.space else ""
             if isinstance(place, Slot):
@@ -192,15 +157,6 @@ class Middle(Part):
         """The lines for each lane from i on that has an entry."""
         left = f"min({LANES}, {self.slot('size', space)} - {i})"
         return [f"for {lane} in range({left}):", *(f"    {line}" for line in lines)] if lines else []
-
-    def _last(self) -> list[str]:
-        lines = []
-        for x, place, space in self.targets():
-            if not space:
-                lines.append(f"{self.item(place, '0')} = {self._number(x)}")
-            elif not self.is_made(x):
-                lines += self._copied(place, x, space)
-        return lines
 
     def _zero(self, space: str, place: Any) -> list[str]:
         return self._in_lanes(space, lambda i: [f"put(s, {self.row(place, i)}, {everywhere('0.0')})"])
@@ -246,11 +202,6 @@ class Middle(Part):
             a, b = factor(node.value[0], j), factor(node.value[1], f"(k + {n} - {j})")
             lines.append(f"{name} = {name} + {a} * {b}")
         return [*first, f"for {j} in range(1, k + {n}):", *(f"    {line}" for line in lines)]
-
-
-def part_of(whole: Slot, k: int) -> Slot:
-    """The slot of the k-th of joined arrays."""
-    return whole._replace(before="+".join(whole.space.split("+")[:k]))
 
 
 def everywhere(value: str) -> str:
