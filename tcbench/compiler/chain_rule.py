@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from . import arrays, ops
@@ -27,7 +27,7 @@ from .derivatives import (
     substitute,
     topological,
 )  # fmt: skip
-from .divided_differences import FEW, GROWING, Corners, factors, log_slope, rectangle
+from .divided_differences import FEW, GROWING, Corners, factors, rectangle
 from .kinks import argument_of_sign, slope_of_sign
 
 ZERO, ONE = const(0.0), const(1.0)
@@ -125,6 +125,12 @@ class Edge:
     def middle(self) -> Symbol:
         return self.value + 0.5 * self.step
 
+    @property
+    def corners(self) -> Corners:
+        """The node as the coordinate along an edge, for the rules of `divided_differences`."""
+        along, _ = rectangle(self.value, self.step, ZERO, ZERO)
+        return along if self.at_end is None else replace(along, ends=(self.at_end, self.value, self.at_end))
+
 
 def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> tuple[Symbol, ...]:
     """Divided differences of an operation by each argument, symmetric in both ends. value : its result at the start."""
@@ -146,10 +152,7 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         y = edges[1]
         power = y.value.value if is_const(y.value) else math.inf
         if math.isfinite(power) and (power > 1.0 or power % 1 == 0) and not x.value.positive:
-            if power > 0.0 or x.at_end is None:
-                return (rectangle(x.value, x.step, ZERO, ZERO)[0] ** power).pi_at_s0, ZERO
-            by = -reciprocal(x.value * x.end)
-            return by * (rectangle(reciprocal(x.value), by * x.step, ZERO, ZERO)[0] ** -power).pi_at_s0, ZERO
+            return (x.corners**power).pi_at_s0, ZERO
         of_log = _of_function("log", x)
         log = Edge(x.value.log(), of_log * x.step)
         by_base, by_exponent = y.middle * of_log, log.middle
@@ -161,23 +164,14 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         by_both: tuple[Symbol, Symbol] = rule(x.value, x.end, x.step, y.value, y.end, y.step)
         return by_both
     if op == "sqrt" and any(is_const(a, ops.TINY) for a in node.args[0].args):  # of a power above 1, see `power`
-        return (rectangle(x.value, x.step, ZERO, ZERO)[0].root().pi_at_s0,)
+        return (x.corners.root().pi_at_s0,)
     return (_of_function(op, x),)
 
 
 def _of_function(op: str, x: Edge) -> Symbol:
     """The divided difference of an elementary function of one argument."""
-    if op == "log" and x.at_end is not None:
-        return log_slope(x.value, x.at_end)
-    if op == "log1p" and x.at_end is not None:
-        return log_slope(x.value + 1.0, x.at_end + 1.0)
-    rule = ops.OPERATIONS[op].difference if op in ops.OPERATIONS else None
-    if x.at_end is not None and callable(rule) and ops.OPERATIONS[op].arguments == 1:
-        slope: Symbol = rule(x.value, x.at_end, x.step)
-        return slope
-    along, _ = rectangle(x.value, x.step, ZERO, ZERO)
     row = ops.OPERATIONS.get(op)
-    corners: Corners = getattr(along, row.numpy if row else op)()
+    corners: Corners = getattr(x.corners, row.numpy if row else op)()
     return corners.pi_at_s0
 
 

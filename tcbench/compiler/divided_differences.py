@@ -252,4 +252,4 @@ def symmetrised_slopes(e: Corners) -> tuple[Symbol, Symbol]:
     return 0.5 * (e.pi_at_s0 + e.pi_at_s1), 0.5 * (e.s_at_pi0 + e.s_at_pi1)
 
 
-__all__ = ["Corners", "factors", "log_slope", "rectangle", "symmetrised_slopes"]
+__all__ = ["Corners", "factors", "rectangle", "symmetrised_slopes"]
