@@ -18,13 +18,14 @@ from tcbench.compiler.array_kernels import array_kernel
 from tcbench.compiler.array_mesh import alone
 from tcbench.compiler.array_states import entries
 from tcbench.compiler.caches import cached
+from tcbench.compiler.library import Library
 from tcbench.plugins import find_integrator
 from tcbench.solver.foresight import NO_RATES
 
 from .tc_gauss import tc_gauss
 from .tc_gauss.formulas import kink_blocks, kinks_of
-from .tc_gauss.march import CLOSER, LITTLE, RISE, UNSEEN, summit, turn
-from .tc_gauss.memory import LONG
+from .tc_gauss.march import defect_between, jump_between, turn
+from .tc_gauss.memory import LONG, Work
 
 DEFAULT = "tc_gauss"  # of high order: a low one takes very many steps to a tight tolerance
 SAFETY, SHRINK, GROW, SMALLEST, NOT_ZERO = 0.9, 0.2, 5.0, 1e-12, 1e-300
@@ -33,6 +34,8 @@ UNEVEN, ALIKE = 0.375, 32.0  # first of two uneven parts of a step, and their ga
 LEAST_SHARE = 1e-3  # of the tolerance that each step may use, however short, where rates have kinks
 MOST_TURNS = 60  # steps in a row that meet a kink before the run fails: it sticks in one, or slides along it
 STUCK = 8  # steps in a row, each shorter than the last, whose gap is round-off and yet too large
+LOOKS = Library("kinks of steps", jump_between, defect_between)
+OF_COLLOCATION = ("k", "rows", "n_factors", "n_lanes", "n_own", "n_nodes", "n_carried", "n_slopes", "n_mended")
 
 
 def controlled(method: Integrator, tolerance: float | None = None, name: str = "controlled"):
@@ -52,24 +55,56 @@ def controlled(method: Integrator, tolerance: float | None = None, name: str = "
 
 
 class Kinks:
-    """z -> (numbers that change their sign where the rates have a kink, then numbers that are positive where the rates
-    are not flat; the rates of all these; the rates (n,)). jumping : how many are of the first kind."""
+    """Numbers u of a system's state by which steps of any method see its kinks, as `tc_gauss.march` does: those that
+    change their sign where rates have a kink, and then those that are positive where the rates are not flat."""
 
     def __init__(self, kernel: Any, jumping: int, system: Any):
-        self.kernel, self.jumping, self.c = kernel, jumping, system.constant_values
-        n = (kernel.size - system.size) // 2
-        self.parts = [n, 2 * n]
+        size, c, self.kernel, self.n = system.size, system.constant_values, kernel, (kernel.size - system.size) // 2
+        self.work = Work(
+            m=size, n_laws=size, n_ends=kernel.size, n_kinks=2 * self.n, n_jumping=jumping, n_constants=len(c), c=c,
+            to_start=kernel.address, **dict.fromkeys(OF_COLLOCATION, 0),
+        )  # fmt: skip
 
     def __call__(self, z: Any):
-        return np.split(self.kernel(np.ascontiguousarray(z, dtype=float), self.c), self.parts)
+        """At a state (m,): its rates (m,), each u (n,) and its rate (n,), one after the other."""
+        return self.kernel(np.ascontiguousarray(z, dtype=float), self.work.c)
+
+    def numbers(self, z: Any):
+        """Each u at a state, shape (n,)."""
+        return self(z)[self.work.m :][: self.n]
+
+    def change(self, before: Any, after: Any, h: float) -> bool:
+        """Does any u change its sign between two states a time h apart, or may it? before, after : of `__call__`."""
+        (_, u, slope), (_, v, last) = (np.split(x, [self.work.m, self.work.m + self.n]) for x in (before, after))
+        return any(part >= 0.0 for part in map(turn, u, v, h * slope, h * last))
+
+    def jump(self, z: Any, z1: Any, before: Any, after: Any, h: float, sizes: Any) -> float | None:
+        """h times the largest jump of a rate at a kink in a step from z to z1, over `sizes` (m,); None without a kink,
+        infinite where both ends do not tell.
+
+        These may lie on both sides of a narrow window, so the rates at the kink itself are compared with the slope of
+        the cubic from end to end."""
+        w = self.work
+        w.here[:], w.now[:] = z, z1
+        w.lend("inverse_sizes", 1.0 / sizes)
+        largest = LOOKS.jump_between(w, before, after, h)
+        if largest < 0.0:
+            return None
+        if largest == 0.0:  # no kink, but exponents are steep: nothing is known of what is between both ends
+            largest = LOOKS.defect_between(w, before, after, 0.5, h)
+        else:
+            largest = max(largest, float((np.abs(h * (after - before)[: w.m]) / sizes).max()))
+        return largest if largest < np.inf else np.inf  # also of what is no number
 
 
 def kinks_in(system: Any) -> Kinks | None:
     """Those of a system; None where its rates have none."""
     kernel, jumping = kinks_kernel(system.by_arrays if system.large else system.symbolic)
-    if kernel and system.large:
-        kernel, jumping = kernel.kernel(system.mesh), [None] * system.mesh.offsets(alone(jumping))[-1]
-    return Kinks(kernel, len(jumping), system) if kernel else None
+    if kernel is None:
+        return None
+    if not system.large:
+        return Kinks(kernel, len(jumping), system)
+    return Kinks(kernel.kernel(system.mesh), system.mesh.offsets(alone(jumping))[-1], system)
 
 
 @cached
@@ -81,58 +116,9 @@ def kinks_kernel(symbolic: Any):
         if not kinks:
             return None, []
         if not symbolic.by_array:
-            return symbolic.compiled([z], [*kinks, rates]), jumping
+            return symbolic.compiled([z], [rates, *kinks]), jumping
         into = {"a": symbolic.blocks(z), "b": symbolic.constant_blocks()}
-        return array_kernel(into, [*kink_blocks(kinks), *symbolic.blocks(rates)]), jumping
-
-
-def turns(before: Any, after: Any, h: float) -> list[float]:
-    """The parts of a time h after which a number with a kink of the rates changes, or may change, its sign."""
-    return [s for s in map(turn, before[0], after[0], h * before[1], h * after[1]) if s >= 0.0]
-
-
-def jump(kinks: Any, z: Any, z1: Any, before: Any, after: Any, h: float):
-    """h times the largest jump of each rate at a kink in a step from z to z1, shape (n,); None without a kink.
-
-    before, after : `kinks` at both ends. These may lie on both sides of a narrow window, so the rates at the kink
-    itself are compared with the slope of the cubic from end to end."""
-    d, p, q = z1 - z, h * before[2], h * after[2]
-    second, third = 3.0 * d - 2.0 * p - q, p + q - 2.0 * d
-    n = kinks.jumping
-    gaps, size = [np.abs(q - p)], max(np.abs([*before[0][:n], *after[0][:n]]), default=0.0)
-    cubic = lambda x: kinks(z + x * (p + x * (second + x * third)))  # noqa: E731
-    if any(is_hidden(i, cubic, before, after, h) for i in range(n, len(before[0]))):
-        return np.full_like(z, np.inf)
-    for i, s in enumerate(map(turn, before[0][:n], after[0][:n], h * before[1], h * after[1])):
-        left, right, tries = (0.0, before), (1.0, after), 0
-        while s >= 0.0 and tries < CLOSER:
-            if s == UNSEEN:
-                if max(abs(end[1][k][i]) * (h if k else 1.0) for end in (left, right) for k in (0, 1)) < LITTLE * size:
-                    break
-                return np.full_like(z, np.inf)
-            x = left[0] + (s if tries % 2 == 0 else 0.5) * (right[0] - left[0])
-            middle = x, cubic(x)
-            gaps.append(np.abs(h * middle[1][2] - (p + x * (2.0 * second + 3.0 * x * third))))
-            u, m, v = (end[1][0][i] for end in (left, middle, right))
-            tries = tries + 1 if u * v > 0.0 and u * m > 0.0 else CLOSER
-            left, right = (middle, right) if u * middle[1][1][i] < 0.0 else (left, middle)
-            part = h * (right[0] - left[0])
-            s = turn(left[1][0][i], right[1][0][i], part * left[1][1][i], part * right[1][1][i])
-    return np.max(gaps, axis=0) if len(gaps) > 1 else None
-
-
-def is_hidden(i: int, kinks: Any, before: Any, after: Any, h: float) -> bool:
-    """As `march.is_hidden`; kinks: by the part of a step."""
-    (u, slope), (v, last) = ((end[0][i], h * end[1][i]) for end in (before, after))
-    left, right, seen = 0.0, 1.0, max(u, v) + RISE
-    x, tries = summit(u, v, slope, last, seen), 0
-    while x >= 0.0 and tries < CLOSER:
-        middle, slope, _ = kinks(x)
-        if middle[i] > max(seen, 0.0):
-            return True
-        left, right = (x, right) if slope[i] > 0.0 else (left, x)
-        x, tries = (left + right) / 2, tries + 1
-    return False
+        return array_kernel(into, [*symbolic.blocks(rates), *kink_blocks(kinks)]), jumping
 
 
 def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
@@ -155,16 +141,16 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                     gap = np.where(uneven > ALIKE * digits, (2**order - 1) * uneven, gap)
                 why = "they err by more than the tolerance"
                 share = tried if kinks is None else max(tried, LEAST_SHARE * whole)  # behind a kink steps begin short
-                error = float((gap / (atol + rtol * size)).max()) / (2**order - 1) * whole / share
-                jumps = None
+                sizes, jumps = atol + rtol * size, list[float]()
+                error = float((gap / sizes).max()) / (2**order - 1) * whole / share
                 if kinks is not None:
                     first, middle, last = map(kinks, (z, half, twice))
                     halves = (z, half, first, middle), (half, twice, middle, last)
-                    jumps = [x for x in (jump(kinks, *ends, tried / 2) for ends in halves) if x is not None]
+                    found = (kinks.jump(*ends, tried / 2, sizes) for ends in halves)
+                    jumps = [x for x in found if x is not None]
                 kink = bool(jumps)
                 turned = turned + 1 if kink else 0
-                if kink:  # no method has its order there
-                    error = max(error, float((np.max(jumps, axis=0) / (atol + rtol * size)).max()))
+                error = max([error, *jumps])  # no method has its order there
                 rounded = not kink and bool((gap <= digits).all())
             except ArithmeticError as failed:
                 error, why, rounded, kink = np.inf, str(failed), False, False

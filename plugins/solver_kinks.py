@@ -1,7 +1,7 @@
 """Restarts a solver behind each kink of the rates, which its error estimates do not see.
 
 Between two states the numbers inside |.| of the rates, and their slopes, show whether one has changed its sign
-(`controlled.turns`). The time of the change is then located by solving up to it, and the solver restarts there.
+(`Kinks.change`). The time of the change is then located by solving up to it, and the solver restarts there.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from tcbench import System
 from tcbench.solver.foresight import NO_RATES
 
-from .controlled import kinks_in, turns
+from .controlled import Kinks, kinks_in
 
 PLACES = 100  # in a run, at least, between which kinks are sought
 FIRST, GROW = 2, 2  # intervals in one call behind a kink, and the factor by which they grow while none follows
@@ -49,9 +49,7 @@ def stopped_at_kinks(
 class Run:
     """A solver on a system with kinks."""
 
-    def __init__(
-        self, adaptive: Callable[..., Any], system: System, kinks: Callable[..., Any], rtol: float, atol: float
-    ) -> None:
+    def __init__(self, adaptive: Callable[..., Any], system: System, kinks: Kinks, rtol: float, atol: float) -> None:
         self.adaptive, self.system, self.kinks = adaptive, system, kinks
         self.tolerances = max(rtol / FINER, min(rtol, FINEST)), atol / FINER
         self.counts: Counter[str] = Counter()
@@ -74,7 +72,7 @@ class Run:
             many *= GROW
             for t, end, state in zip(ahead[:-1], ahead[1:], self.solve(z, ahead), strict=True):
                 after = self.kinks(state)
-                kink = bool(turns(before, after, end - t))
+                kink = self.kinks.change(before, after, end - t)
                 self.left = MOST_PARTS
                 z = self.across(z, t, end) if kink else state
                 here += 1
@@ -91,13 +89,12 @@ class Run:
             self.left -= 1
             parts = np.linspace(t, end, PARTS + 1)
             states = [z, *self.solve(z, parts)]
-            signs = [self.kinks(x) for x in states]
-            turned = [bool(turns(*pair, parts[1] - t)) for pair in pairwise(signs)]
+            turned = [self.kinks.change(*pair, parts[1] - t) for pair in pairwise(map(self.kinks, states))]
             if not any(turned):
                 return states[-1]
             first = turned.index(True)
             z, t, after = states[first], parts[first], parts[first + 1]
-            crossed = signs[first][0] * signs[first + 1][0] < 0.0
+            crossed = self.kinks.numbers(states[first]) * self.kinks.numbers(states[first + 1]) < 0.0
             if crossed.any():
                 z, t = self.behind(z, t, after, np.flatnonzero(crossed))
             else:  # the interval begins or ends in one, or may pass it and come back
@@ -116,13 +113,15 @@ class Run:
         def at(x: float) -> Any:
             return self.solve(z, np.array([t, x]))[0] if x > t else z
 
+        def number(x: float, j: int) -> Any:
+            return self.kinks.numbers(at(x))[j]
+
         first, kink = end, int(crossed[0])
         for j in crossed:
-            u = self.kinks(z)[0][j]
-            if u * self.kinks(at(first))[0][j] < 0.0:
-                first, kink = brentq(lambda x, j=j: self.kinks(at(x))[0][j], t, first, xtol=BEHIND * abs(end)), j
-        step, sign = BEHIND * max(abs(end), end - t), np.sign(self.kinks(z)[0][kink])
-        while first < end and self.kinks(at(min(end, first + step)))[0][kink] * sign >= 0.0:
+            if number(t, j) * number(first, j) < 0.0:
+                first, kink = brentq(number, t, first, (j,), xtol=BEHIND * abs(end)), j
+        step, sign = BEHIND * max(abs(end), end - t), np.sign(number(t, kink))
+        while first < end and number(min(end, first + step), kink) * sign >= 0.0:
             step *= 4.0
         first = min(end, first + step)
         return at(first), first

@@ -83,7 +83,6 @@ def larger(x: float, y: float) -> float:
     return y if y > x or y != y else x
 
 
-@late
 def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
     """The same between two nodes that are h apart, whose states are `here` and `now`. before, after: the rates there,
     and behind them each number u that rates have a kink in, and its slope.

@@ -132,3 +132,12 @@ def test_dry_friction_made_smooth_by_tanh_is_right_at_any_speed(speed):
         for tolerance in (1e-3, 1e-5, 1e-7):
             states, _ = tcbench.integrators()[method].adaptive(made.model, made.z0.copy(), at, tolerance, tolerance)
             assert np.abs(states[-1][:2] - exact).max() < 30 * tolerance, (method, tolerance)
+
+
+@pytest.mark.parametrize("form", BUMPS)
+def test_nor_do_halves_of_a_method_that_reads_no_rates_at_its_ends(form):
+    """From the shoulder of a bump, whose exponent is no larger further on, tc_monolithic's midpoints lie behind it."""
+    made, at = scenario(form, 0.01), np.array([0.0, 10.0])
+    method = tcbench.plugins.find_integrator("controlled[method=tc_monolithic]")
+    states, _ = method.adaptive(made.model, made.z0.copy(), at, 1e-4, 1e-4)
+    assert np.abs(states[-1][:2] - truth(form, 0.01, 0.0)).max() < 1e-3
