@@ -156,21 +156,21 @@ def structure(pattern: Any, free: Sequence[int]) -> tuple[list[int], list[int]]:
 
 
 def kinks_of(rates: list[Any], variables: list[Any]) -> tuple[list[Any], list[Any]]:
-    """What changes its sign where these rates have a kink, numbers that they have the size of and their like, and then
-    where they are flat no longer, in which case there is something to be looked at, but nothing jumps; how fast each of
-    all these changes. Second: those where they have kinks, alone."""
+    """(kinks, jumping): numbers that show where these rates, one a variable, have kinks or stop being flat.
+
+    jumping : numbers that change their sign at a kink: x of |x|, x - y of max(x, y) and min(x, y). kinks : these; then
+    numbers that are positive where the rates are not flat (`Argument.edge`), at which nothing jumps; then the rate of
+    change of each of both."""
     rates = list(map(lifted, rates))
-    nodes = trace.topological(rates)
-    found = [x.args[0] if x.op == "abs" else x.args[0] - x.args[1] for x in nodes if x.op in ("abs", "max", "min")]
-    found = list(dict.fromkeys(found))
-    kinks = [found[i] for i in sorted(depending(found, variables))]
-    found = list(dict.fromkeys([*kinks, *(argument.edge() for argument in flat_away(rates, variables))]))
-    return [*found, *trace.along(found, dict(zip(variables, rates, strict=True)))], kinks
+    nodes = [x for x in trace.topological(rates) if x.op in ("abs", "max", "min")]
+    signed = list(dict.fromkeys(x.args[0] if x.op == "abs" else x.args[0] - x.args[1] for x in nodes))
+    jumping = [signed[i] for i in sorted(depending(signed, variables))]
+    numbers = list(dict.fromkeys([*jumping, *(argument.edge() for argument in flat_away(rates, variables))]))
+    return [*numbers, *trace.along(numbers, dict(zip(variables, rates, strict=True)))], jumping
 
 
 def kink_blocks(kinks: list[Any]) -> list[Block]:
-    """The kinks of arrays over spaces as blocks: each over the space of the number that changes its sign, for its slope
-    may be one number for all."""
+    """`kinks_of` arrays as blocks. A rate of change has the space of its number, also where it is one for all of it."""
     return alone(kinks, kinks[: len(kinks) // 2] * 2)
 
 

@@ -9,11 +9,10 @@ from tcbench.compiler.library import Library
 from tcbench.compiler.polling import to_end
 from tcbench.solver.linear_algebra import add_compensated
 
-from .memory import LONG, Work
+from .memory import LONG, SOLVED_TO, Work
 from .newton_matrix import damp, rate_of
 from .step import COARSE, CONVERGED, FAILED, SOLVED, begin_step, extrapolate, mend, try_step
 
-SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 UNSEEN = 2.0  # see `turn`
 STEEPER = 1.5  # than at both ends may be what passes 0 between
 RISE = 2.0  # of an exponent: e^2 times as large as at the ends may be what is not seen from there
@@ -29,9 +28,8 @@ SAFETY, GROW, SHRINK, ACCEPT = 0.85, 2.0, 0.2, 4.0
 HALF = 0.5  # of a step without a solution in reach
 BEST = 0.135  # contraction for which a unit of time costs least: it grows as h^2, and h log(1/h^2) is largest at e^-2
 RETREAT, ADVANCE = 0.7, 1.1  # of a step that is too long for the quadrature, and of the bound that one leaves behind
-FREE = (
-    0.33  # of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
-)
+# of the ideal length, up to which that bound comes at once: where the solution has smoothed it is soon gone
+FREE = 0.33
 FIRST = 4.0  # times the fastest decay time: see first_step
 # An initial layer: its size, and the decay times in a step, from which on it is divided; the first part, in these.
 LAYER, FAST, DECAYS = 1e-2, 4.0, 0.5
@@ -84,11 +82,11 @@ def larger(x: float, y: float) -> float:
 
 
 def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
-    """The same between two nodes that are h apart, whose states are `here` and `now`. before, after: the rates there,
-    and behind them each number u that rates have a kink in, and its slope.
+    """`jump_at_kinks` between two states a time h apart, `here` and `now`; 0 also without a kink where exponents are
+    steep; infinite where values and slopes do not tell whether a kink is met.
 
-    -1: no u is 0 between them; 0: exponents are steep; infinite: their values do not tell. Where u has one sign at
-    both, and may pass 0 and come back, it is looked at where it is least, up to CLOSER times.
+    before, after : rates and, last, the numbers u of `formulas.kinks_of` and their slopes at both states, (n_ends,).
+    Where u has one sign at both and may pass 0 and come back, it is looked at where it is least, up to CLOSER times.
     """
     n = w.n_kinks // 2
     first, largest, size = w.n_ends - w.n_kinks, -1.0, 0.0
@@ -120,12 +118,12 @@ def jump_between(w: Work, before: Floats, after: Floats, h: float) -> float:
 
 
 def turn(u: float, v: float, slope: float, last: float) -> float:
-    """Where a number that goes from u to v in an interval changes its sign, or may: as a part of the interval. slope,
-    last: its slopes at both ends, times the length of the interval.
+    """The place, as a part of an interval, where a number that goes from u to v changes its sign or may; -1: nowhere.
 
-    Where lines STEEPER than those slopes meet on the other side, it may pass 0 and come back: it is looked at where its
-    slope would be 0. -1: nowhere. UNSEEN: both slopes miss what it changes by, by more than it is from 0, so that it
-    may do so anywhere; not if it only goes away from 0.
+    slope, last : its slopes at both ends, times the length of the interval. Where lines STEEPER than these meet on the
+    other side of 0, it may pass 0 and come back: the place is that where its slope would be 0. UNSEEN: it may do so
+    anywhere, since the mean of the slopes misses v - u by more than the number is from 0, and it does not only go away
+    from 0.
     """
     if not u * v > 0.0 and u != v:
         part = u / (u - v)
@@ -139,8 +137,8 @@ def turn(u: float, v: float, slope: float, last: float) -> float:
 
 
 def is_hidden(w: Work, before: Floats, after: Floats, i: int, h: float) -> bool:
-    """Does number i, positive where rates are not flat, become so between two nodes, and larger than at both by so much
-    that these know nothing of it?"""
+    """Does number i, positive where rates are not flat, become positive between two states and larger than at both by
+    RISE, so that these show nothing of what is there? Arguments as of `jump_between`."""
     n = w.n_kinks // 2
     left, right, seen = 0.0, 1.0, max(before[i], after[i]) + RISE
     x = summit(before[i], after[i], h * before[i + n], h * after[i + n], seen)
@@ -159,8 +157,8 @@ def is_hidden(w: Work, before: Floats, after: Floats, i: int, h: float) -> bool:
 
 
 def summit(u: float, v: float, slope: float, last: float, seen: float) -> float:
-    """Where a number that goes from u to v in an interval may be largest, as a part of it; slope, last: as of `turn`.
-    -1: it stays below 0, or below what is seen, also between lines STEEPER than its slopes."""
+    """The place where a number that goes from u to v may be largest, as a part of the interval; slope, last : as of
+    `turn`. -1: it stays below 0 or below `seen`, also under lines STEEPER than its slopes."""
     if not (slope > 0.0 and last < 0.0):
         return -1.0
     x = (STEEPER * last - v + u) / (STEEPER * (last - slope))
@@ -168,7 +166,8 @@ def summit(u: float, v: float, slope: float, last: float, seen: float) -> float:
 
 
 def defect_between(w: Work, before: Floats, after: Floats, s: float, h: float) -> float:
-    """Largest |h rate - slope|, over sizes, of the cubic from node to node after the part s of the time h between."""
+    """The largest |h rate - slope| over sizes, on the cubic from `here` to `now` at the part s of the time h between.
+    before, after : as of `jump_between`. What the first kernel gives there is left in `inside[2]`."""
     largest = 0.0
     for i in range(w.m):
         d, p, q = w.now[i] - w.here[i], h * before[i], h * after[i]

@@ -13,6 +13,7 @@ from .sparse import Sparse
 POINTS = (8, 16, 32, 64)
 ON_VECTORS = 2  # of them: steps that need more are too long for the iteration
 LONG = 4096.0  # a time beyond is counted in a small unit
+SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 LEVELS, MOST_POINTS = len(POINTS), POINTS[-1]
 
 

@@ -22,16 +22,16 @@ from tcbench.solver.mending import mending_kernels
 from tcbench.systems.system import System
 
 from . import formulas
+from .memory import SOLVED_TO
 from .sparse import of_pattern, sparse
 from .vectors import vector_kernels
 
 Floats = NDArray[np.float64]
-SOLVED_TO = 0.01  # of the tolerance: residual of the collocation equations in adaptive runs
 FINEST = 1e-14  # of the residual: round-off is near
 SOLVED = 0  # see `step`
 MOST_ELEMENTS = 32  # of a network traced as a whole: ten times as fast after a few seconds
 MOST_VARIABLES = 300  # of a system that is traced as a whole
-LONG = 500  # lines of a kernel: a tenth of a second of LLVM, beside which a jump at each call is nothing
+LATE_LINES = 500  # of a kernel: a tenth of a second of LLVM, beside which a jump at each call is nothing
 NAMES = ("to_start", "to_motion", "to_slopes", "to_forces", "to_laws", "to_mend", "to_hold")  # of large systems
 
 
@@ -100,7 +100,7 @@ def prepared(system: System, k: int) -> tuple[Any, Any]:
 
 def address_of(kernel: Kernel) -> int:
     """Address of a kernel; a long one is compiled when it is first called: many runs of tc_auto never do."""
-    return late_address(kernel) if kernel.text.count("\n") > LONG else kernel.address
+    return late_address(kernel) if kernel.text.count("\n") > LATE_LINES else kernel.address
 
 
 def of_numbers(system: System, k: int, n_factors: int) -> dict[str, Any]:

@@ -32,8 +32,10 @@ ZERO = const(0.0)
 
 @dataclass(frozen=True)
 class Order:
-    """k + offset, in a loop over orders k; over: what this divides. Or, of a `role`, the order of a factor in a sum of
-    products: j, or what is left."""
+    """The order k + offset of a coefficient in a loop over orders k, or the weight over/(k + offset).
+
+    role : of a factor in a convolution: "j", or "left" for what is left of the order.
+    """
 
     k: Symbol
     offset: int = 0
@@ -58,8 +60,8 @@ class Order:
 class Coefficients(Recurrences[Series]):
     """Coefficients of series as symbols: of orders that are numbers, and of all k + n at once.
 
-    What a sum of products over the orders between reads is `Kept`. Some have to be made ahead: that of order k + 1 of
-    the variables, from their rates, and what reads these.
+    Series that convolutions read are `Kept`. Some have to be ahead of the loop: the variables, whose coefficient k + 1
+    comes from their rates, and what is made of these. ahead : by how much, by series.
     """
 
     def __init__(self, y: Sequence[Symbol], rate: Sequence[Series]) -> None:
@@ -73,28 +75,28 @@ class Coefficients(Recurrences[Series]):
 
     def of(self, x: Series, n: Any) -> Symbol:
         """Coefficient n of a series."""
-        return self._there(self.value(x, n))
+        return self._symbol(self.value(x, n))
 
     def looped(self, wanted: Sequence[Series]) -> tuple[list[Symbol], list[Kept]]:
-        """Coefficients k + 1 of these, and what is kept for them."""
-        found, size = [], -1
-        while size < (size := sum(self.ahead.values())):  # what has to be made ahead is known when all is made
+        """Coefficients k + 1 of these series, and the series whose coefficients of other orders they read."""
+        following, size = [], -1
+        while size < (size := sum(self.ahead.values())):  # how far ahead series have to be is known when all are made
             self.at_k, self.kept = {}, {}
-            found = [self.of(x, Order(self.k, 1)) for x in wanted]
+            following = [self.of(x, Order(self.k, 1)) for x in wanted]
             done: set[Any] = set()
-            while rest := [key for key in self.kept if key not in done]:
-                for key in rest:
+            while waiting := [key for key in self.kept if key not in done]:
+                for key in waiting:
                     kept, _, make = self.kept[key]
                     kept.ahead = self.ahead.get(key, 0)
-                    kept.next = self._there(self._made_at(key, Order(self.k, kept.ahead), make))
+                    kept.next = self._symbol(self._made_at(key, Order(self.k, kept.ahead), make))
                     done.add(key)
         for (_, what), (kept, x, make) in self.kept.items():
             orders = range(bool(what), kept.ahead + 1)
-            kept.first = {n: self._there(super(Coefficients, self).once(x, n, what, make)) for n in orders}
-        return found, [kept for kept, _, _ in self.kept.values()]
+            kept.first = {n: self._symbol(super(Coefficients, self).once(x, n, what, make)) for n in orders}
+        return following, [kept for kept, _, _ in self.kept.values()]
 
     @staticmethod
-    def _there(value: Any) -> Symbol:
+    def _symbol(value: Any) -> Symbol:
         return ZERO if value is None else trace.lifted(value)
 
     def once(self, x: Series, n: Any, what: str, make: Callable[[Any], Any]) -> Any:
@@ -115,7 +117,7 @@ class Coefficients(Recurrences[Series]):
         return self.at_k[key, n.offset]
 
     def space(self, x: Series) -> str:
-        """Over which space a series is."""
+        """The space of a series."""
         if id(x) not in self.spaces:
             if x.kind == "var":
                 space = self.y[x.index].space
@@ -186,14 +188,14 @@ def series_kernel(net: Any, order: int) -> ArrayKernel:
     """As `texts.series_kernels`, of systems of any size, by their `by_arrays`; given: `constant_values` alone."""
     y = net.fresh_state("y")
     variables, rate = rates(net, y)
-    found, turns = Coefficients(entries(y), rate), kinks(rate)
-    following, kept = found.looped([*variables, *turns])
-    before, first = ([found.of(x, n) for x in (*variables, *turns)] for n in range(2))
-    beside = [Block(found.space(x), (None,)) for x in turns]
+    coefficients, turns = Coefficients(entries(y), rate), kinks(rate)
+    following, kept = coefficients.looped([*variables, *turns])
+    before, first = ([coefficients.of(x, n) for x in (*variables, *turns)] for n in range(2))
+    beside = [Block(coefficients.space(x), (None,)) for x in turns]
     ends = net.fresh_state("y_before"), net.fresh_state("y_last")
     last = [squared_size(net, y, end) for end in ends]
     values, parts = (before, first, following), (entries(ends[0]), entries(ends[1]))
-    orders = Orders(order, found.k, kept, net.blocks([y]), beside, values, last, parts)
+    orders = Orders(order, coefficients.k, kept, net.blocks([y]), beside, values, last, parts)
     return orders_kernel({"a": net.blocks([y]), "b": net.constant_blocks()}, orders)
 
 
@@ -201,15 +203,16 @@ def rates_kernel(net: Any) -> ArrayKernel:
     """As `texts.rates_kernel`."""
     y = net.fresh_state("y")
     variables, rate = rates(net, y)
-    found = Coefficients(entries(y), rate)
-    made: ArrayKernel = net.compiled([y], [refilled(y, [found.of(x, n) for x in variables]) for n in range(2)])
-    return made
+    coefficients = Coefficients(entries(y), rate)
+    orders = [refilled(y, [coefficients.of(x, n) for x in variables]) for n in range(2)]
+    kernel: ArrayKernel = net.compiled([y], orders)
+    return kernel
 
 
-def squared_size(net: Any, y: Any, found: Any) -> Symbol:
+def squared_size(net: Any, y: Any, coefficient: Any) -> Symbol:
     """As `texts.squared_size`."""
     least = net.magnitudes_of(y)
-    return trace.lifted((found * found / (least * least + y * y)).sum())
+    return trace.lifted((coefficient * coefficient / (least * least + y * y)).sum())
 
 
 def polynomial_kernel(order: int, size: int) -> Kernel:

@@ -45,8 +45,9 @@ def of_any(sym: Any, z: Any, normal: Normal) -> tuple[list[Series], list[Series]
 
 
 def with_edges(rates: list[Symbol], variables: list[Symbol]) -> list[Symbol]:
-    """Rates with signs, too small to count, that change where the rates are flat no longer: steps end there as at
-    kinks, for the series of a flat place knows of nothing else; and one of low order of nothing before it is NEARER."""
+    """The rates with signs, too small to count, that change where the rates stop being flat: steps end there as at
+    kinks, for series at a flat place show nothing of what follows. Those of low order show it from NEARER on only, and
+    end there, too."""
     for argument in flat_away(rates, variables):
         for edge in [*argument.edges(), *argument.edges(NEARER)]:
             places = [i for i, x in enumerate(rates) if x.space == edge.space]

@@ -17,12 +17,13 @@ from typing import Any
 from . import ops
 from .choices import Choosing
 from .derivatives import Symbol, const, lifted, refused
+from .flat import EXPONENTIALS
 from .kinks import sign, slope_of_sign
 from .ops import TINY
 
 ZERO = const(0.0)
 FEW = 4.0  # degree above which a node may be so much smaller at its end that start + increment loses its digits
-GROWING = ("exp", "expm1", "sinh", "cosh", "tan")  # and so may these, whatever they are taken of
+GROWING = (*EXPONENTIALS, "tan")  # and so may these, whatever they are taken of
 HIGH = 6  # repeated square roots after which even the smallest number is above a tenth: see `TINY`
 _RULED = ", ".join(row.numpy for row in ops.OPERATIONS.values() if row.difference).replace("fabs", "abs")
 RULES = (

@@ -13,7 +13,7 @@ from .symbols import Symbol, add, const, mul
 
 FLAT = 36.0  # exp(-36) is the round-off of 1
 AFFINE = frozenset({"add", "sub", "neg", "mark", *LINEAR})
-GROWING = ("exp", "expm1", "sinh", "cosh")
+EXPONENTIALS = ("exp", "expm1", "sinh", "cosh")
 
 
 class Argument(NamedTuple):
@@ -55,7 +55,7 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
         u = node.args[0] if node.args else node
         if node.op == "pow" and u.number not in moving:
             u = node.args[1] * u.log()
-        elif node.op not in (*GROWING, "tanh"):
+        elif node.op not in (*EXPONENTIALS, "tanh"):
             continue
         u = u + u if node.op == "tanh" else u  # tanh(u) is 1 - 2/(1 + exp(2 u))
         both = node.op in ("tanh", "sinh", "cosh") or node.number in saturating

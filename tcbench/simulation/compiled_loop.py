@@ -209,10 +209,11 @@ def measure_residual(flow: CompiledFlow) -> None:
 
 @late
 def mended(run: Run, z: Floats, after: Floats, now: Floats) -> bool:
-    """Correct the end `after` of a step from z until it has the laws, and open it. False where that fails.
+    """Correct the end `after` of a step from z, (n,) each, until it has the laws, and open the next step there: its
+    observables are left in `now`. False where corrections do not lead to the laws.
 
-    All arrays are of shape (n,). The first correction has slopes where it is expected to lead. One that leads c away
-    from its slopes leaves c^2, and one more along the same leaves c^3: it costs a third.
+    The first correction takes its slopes where `expect` has foreseen that corrections lead. One that leads c away from
+    its slopes leaves an error of c^2; one more along the same slopes, at a third of the cost, leaves c^3.
     """
     flow, first, entropy = run.flows[run.n_flows], run.observables[FIRST], run.observables[BEFORE, S]
     expected, moved, left, before = run.others[MOVED], flow.dz, np.inf, np.inf
@@ -260,8 +261,8 @@ def mended(run: Run, z: Floats, after: Floats, now: Floats) -> bool:
 
 
 def expect(run: Run, moved: Floats) -> float:
-    """From what corrections have moved in a step to what they will in the next: where a cubic through the last four
-    points to, if they tell, as they do not beside a kink. Returns the square of `moved`, shape (n,).
+    """Set the move that is expected of the next step's corrections by the cubic through those of the last four steps,
+    and to 0 where these tell nothing, as beside a kink. moved : that of this step, (n,). Returns its square.
     """
     expected, past, whole, error = run.others[MOVED], run.past, 0.0, 0.0
     for i in range(run.n):

@@ -35,9 +35,8 @@ GIVEN_ENERGY, LEAST_ENTROPY, ENTROPY_MISS, ENERGY_MISS, INVARIANTS = range(5)
 FOUND_ENTROPY, MARGIN = range(2)
 LAWFUL, NEAR = 2.0**-48, 1e-12  # over 1 and the size of a law: what a state that has it may miss, at least and at most
 SHRUNK = 0.75  # of what was missed, after a move that helped
-MOST_MOVES = (
-    24  # moves: near an equilibrium, where little is left of the entropy's gradient, each leaves half of the way
-)
+# near an equilibrium, where little is left of the entropy's gradient, each move leaves half of the way
+MOST_MOVES = 24
 
 
 def laws(system: System, z: Any) -> list[Any]:
@@ -107,12 +106,12 @@ class Along:
             self.inverse.append(square / (square * square + least * least))
 
     def before(self, here: Sequence[Any], moved: Any) -> list[Any]:
-        """The laws, now as they are `here`, before a state was moved, to first order."""
+        """The laws before a state was moved by `moved`, from their values `here` after it, to first order."""
         return [f - product(self.system, slope, moved) for f, slope in zip(here, self.slopes, strict=True)]
 
     def move(self, misses: Sequence[Any], at_least: bool = False) -> Any:
-        """misses: of the first laws, or all. at_least: of the last one, the entropy, only what is too little is made up
-        for."""
+        """The move, a state, that makes up for `misses` of the first laws, or of all. at_least : the last law, the
+        entropy, is raised where it is too low and never lowered."""
         lacks: list[Any] = []
         for miss, row in zip(misses, self.lower, strict=False):
             lacks.append(miss - sum((x * lacks[i] for i, x in row.items()), const(0.0)))

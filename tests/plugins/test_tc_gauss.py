@@ -131,12 +131,12 @@ def test_a_step_that_begins_with_an_initial_layer_is_divided_and_no_other():
 
 def test_long_kernels_wait_until_they_are_called():
     """tc_auto has those of tc_gauss at hand, and many of its runs never call them."""
-    from tcbench_plugins.tc_gauss.method import LONG, address_of
+    from tcbench_plugins.tc_gauss.method import LATE_LINES, address_of
 
     from tcbench.compiler.kernels import Kernel
     from tcbench.compiler.library import evaluate
 
-    text = "def kernel(a, b, out):\n" + "    t0 = a[0]\n" * LONG + "    out[0] = 2.0 * t0\n"
+    text = "def kernel(a, b, out):\n" + "    t0 = a[0]\n" * LATE_LINES + "    out[0] = 2.0 * t0\n"
     late, found = Kernel(text, 1), np.zeros(1)
     place = address_of(late)
     assert "address" not in vars(late)
