@@ -130,7 +130,7 @@ def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    found = []
+    pictures = []
     with matplotlib.rc_context(STYLE):
         stage = _Stage(runs, frames)
         stage.figure.set_dpi(80)
@@ -144,8 +144,8 @@ def _pictures(runs: Sequence[Trajectory], frames: int) -> list[Image]:
             stage.show(frame)
             for artist in stage.moving:
                 artist.axes.draw_artist(artist)
-            found.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-    return found
+            pictures.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    return pictures
 
 
 def _as_mp4(pictures: Sequence[Image], path: Path, fps: int) -> None:
@@ -216,9 +216,9 @@ class _Stage:
         if label.startswith("(E"):
             low, high = max(low, -LOST), min(high, LOST)
         if label != "entropy S":  # an error: what is round-off is a flat line, not noise that fills the panel
-            least = ROUND_OFF * 10
-            low, high = min(low, -least), max(high, least)
-            if high - low < 1e3 * least:
+            margin = ROUND_OFF * 10
+            low, high = min(low, -margin), max(high, margin)
+            if high - low < 1e3 * margin:
                 ax.axhspan(-ROUND_OFF, ROUND_OFF, color="#808080", alpha=0.3, linewidth=0)
         room = 0.08 * (high - low) or 1e-12
         ax.set(xlim=(0, self.times[-1] or 1.0), ylim=(low - room, high + room), xlabel="time t", title=label)
@@ -255,8 +255,8 @@ def _mesh_views(above: Any, runs: Sequence[Trajectory], rows: Any, no_lines: Tcb
         raise no_lines from None
     (faces, owner), seen = outside(mesh), []
     for run, its in zip(runs, rows, strict=True):
-        known, states = np.unique(its), {}
-        for row, (_, x, on_points, on_cells) in zip(known.tolist(), records(run, mesh, known), strict=True):
+        steps, states = np.unique(its), {}
+        for row, (_, x, on_points, on_cells) in zip(steps.tolist(), records(run, mesh, steps), strict=True):
             states[row] = x, heat_of(on_points, on_cells, faces, owner)
         seen.append(states)
     good = [states for run, states in zip(runs, seen, strict=True) if run.ok] or [{0: states[0]} for states in seen]
@@ -269,15 +269,16 @@ def _mesh_views(above: Any, runs: Sequence[Trajectory], rows: Any, no_lines: Tcb
 
 def _heat(runs: Sequence[Trajectory]) -> tuple[float, float]:
     """The temperatures between which the colours of a run lie."""
-    known = np.concatenate([run.temperatures.ravel() for run in runs])
-    low, high = np.percentile(known[np.isfinite(known)], (1, 99)) if known.size else (0.0, 1.0)
+    temperatures = np.concatenate([run.temperatures.ravel() for run in runs])
+    low, high = np.percentile(temperatures[np.isfinite(temperatures)], (1, 99)) if temperatures.size else (0.0, 1.0)
     return float(low), float(max(high, low + 1e-9))
 
 
 def _laws(run: Trajectory) -> dict[str, Any]:
     """What runs below: the title of a panel -> the values of a run."""
-    told = {"(E − E₀) / V₀": (run.energy - run.energy[0]) / run.scenario.initial_exergy, "entropy S": run.entropy}
-    return told | {f"{name.replace('_', ' ')}, change": of - of[0] for name, of in run.invariants.items()}
+    error = (run.energy - run.energy[0]) / run.scenario.initial_exergy
+    changes = {f"{name.replace('_', ' ')}, change": of - of[0] for name, of in run.invariants.items()}
+    return {"(E − E₀) / V₀": error, "entropy S": run.entropy} | changes
 
 
 class _View:

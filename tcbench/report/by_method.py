@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..chart import Tables
 from ..errors import LOUD
 from ..systems.energy_scale import HIDDEN
-from .marks import told
+from .marks import as_text
 from .page_data import methods, unmeasured
 from .pairs import departed, ladder_runs, of_whole_state, pairs, times_over_best
 from .words import ABSENT, is_finite, share_of, some
@@ -36,15 +36,15 @@ def by_method(tables: Tables, declared: Tables) -> list[list[str]]:
     fastest method, median over all scenarios, infinite where it did not get there. random failed: runs of an
     ensemble, over all steps or tolerances.
     """
-    found = pairs(tables, declared)
-    ratios, shares = times_over_best(found), tables.get("failure_share")
+    table = pairs(tables, declared)
+    ratios, shares = times_over_best(table), tables.get("failure_share")
     random = {} if shares is None else shares.groupby("integrator")[["failed", "runs"]].sum().T.to_dict("list")
 
     def rank(r: Mapping[str, Any]) -> tuple[Any, ...]:
         of = ratios.get(r["name"], [])
         return median(of) if of else math.inf, -sum(map(is_finite, of)), r["name"]
 
-    rows = sorted(methods(found, tables, declared), key=lambda r: (r["family"], *rank(r)))
+    rows = sorted(methods(table, tables, declared), key=lambda r: (r["family"], *rank(r)))
     work = tables.get("work_precision")
     group = [r for r in rows if work is not None and "peer" in work and len(rows) > FOLD_ABOVE
              and r["name"] in {*work.loc[work["peer"].eq("scipy"), "integrator"]}]  # fmt: skip
@@ -97,8 +97,8 @@ def _step(step: Mapping[str, Any] | None) -> str:
         return ABSENT
     if not step["limited"]:
         return "no limit"
-    least = f"{step['least']:.3g}" if step["least"] else "none"
-    return f"{least} ({share_of(step['of'] - step['limited'], step['of'])} free)"
+    smallest = f"{step['least']:.3g}" if step["least"] else "none"
+    return f"{smallest} ({share_of(step['of'] - step['limited'], step['of'])} free)"
 
 
 def remarks(tables: Tables) -> list[str]:
@@ -118,7 +118,7 @@ def _failed(tables: Tables) -> list[str]:
     ladders = ladder_runs(tables)
     bad = ladders.loc[ladders["status"].ne("ok"), "mark"]
     if len(bad):
-        how = told(bad.value_counts().to_dict())
+        how = as_text(bad.value_counts().to_dict())
         return [f"{share_of(len(bad), len(ladders))} runs of the ladders failed, which is a result: {how}."]
     whole = f"All {len(ladders)} runs of the ladders of steps and tolerances reached their"
     return [f"{whole if len(ladders) > 1 else 'The only run reached its'} end."] if len(ladders) else []
@@ -179,8 +179,8 @@ def paper(table: DataFrame | None) -> str:
     if table is None or not len(table):
         return ""
     counts = Counter(str(v) for v in table["verdict"] if isinstance(v, str))
-    told = [f"{counts['holds']} hold"]
+    verdicts = [f"{counts['holds']} hold"]
     for verdict, n in counts.items():
         plural = verdict.replace("does", "do").replace("contradicts", "contradict")
-        told += [f"{n} {verdict if n == 1 else plural}"] if verdict != "holds" else []
-    return f"The paper's statements: {counts.total()} checked, {', '.join(told)}."
+        verdicts += [f"{n} {verdict if n == 1 else plural}"] if verdict != "holds" else []
+    return f"The paper's statements: {counts.total()} checked, {', '.join(verdicts)}."

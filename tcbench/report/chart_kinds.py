@@ -60,7 +60,7 @@ def draw_kind(kind: Chart, tables: Tables, **options: Any) -> Figure:
 
 def with_fallbacks(tables: Tables) -> dict[str, Any]:
     """Tables that can stand in for absent ones: blow-up times of the conservation study."""
-    known, rows = dict(tables), tables.get("conservation")
-    if "stability_points" not in known and rows is not None and "status" in rows and rows["status"].ne("ok").any():
-        known["stability_points"] = rows[rows["dt"].notna()] if "dt" in rows else rows
-    return known
+    filled, rows = dict(tables), tables.get("conservation")
+    if "stability_points" not in filled and rows is not None and "status" in rows and rows["status"].ne("ok").any():
+        filled["stability_points"] = rows[rows["dt"].notna()] if "dt" in rows else rows
+    return filled

@@ -18,39 +18,40 @@ IN_COLOUR = 5  # of more: as many of each family as make this number, one at lea
 TARGETS = [key for key, (measure, _) in TIMES.items() if measure == "error"][::-1]  # the smallest error first
 
 
-def leaders(tables: Tables, declared: Tables, found: DataFrame | None = None) -> dict[str, list[str]]:
+def leaders(tables: Tables, declared: Tables, results: DataFrame | None = None) -> dict[str, list[str]]:
     """Scenario -> of each family the methods that reach the smallest error (1e-9, 1e-6, 1e-3, else their least), the
     fastest first; without errors those that fail least and keep the energy best. Under "" those that are it on most
-    scenarios. All methods of a run that has no more than a few. found : the table of pairs, where it is known."""
-    known = families(tables, declared)
-    if len(known) <= CROWD:
-        return dict.fromkeys([*names(tables, "scenario"), ""], sorted(known))
-    ranks = _ranks(tables, pairs(tables, declared) if found is None else found)
-    of = {s: front(known, {m: ranks.get((m, s), (math.inf,)) for m in known}) for s in names(tables, "scenario")}
-    firsts = {name: (-sum(name in front for front in of.values()), name) for name in known}
-    return of | {"": front(known, firsts)}
+    scenarios. All methods of a run that has no more than a few. results : the table of `pairs`, if there is one."""
+    family_of = families(tables, declared)
+    if len(family_of) <= CROWD:
+        return dict.fromkeys([*names(tables, "scenario"), ""], sorted(family_of))
+    ranks = _ranks(tables, pairs(tables, declared) if results is None else results)
+    scenarios, last = names(tables, "scenario"), (math.inf,)
+    of = {s: front(family_of, {m: ranks.get((m, s), last) for m in family_of}) for s in scenarios}
+    firsts = {name: (-sum(name in front for front in of.values()), name) for name in family_of}
+    return of | {"": front(family_of, firsts)}
 
 
-def front(known: Mapping[str, str], rank: Mapping[str, Any]) -> list[str]:
+def front(family_of: Mapping[str, str], rank: Mapping[str, Any]) -> list[str]:
     """Who is in colour, in every chart: all of a few methods; of more the first of each family by a rank."""
-    if len(known) <= CROWD:
-        return sorted(known)
-    kinds = dict.fromkeys([*FAMILIES, *known.values()])
-    of = {family: sorted((n for n in known if known[n] == family), key=lambda n: (rank[n], n)) for family in kinds}
-    there = [members for members in of.values() if members]
-    each = -(-IN_COLOUR // len(there))
-    return [name for members in there for name in members[:each]]
+    if len(family_of) <= CROWD:
+        return sorted(family_of)
+    kinds = dict.fromkeys([*FAMILIES, *family_of.values()])
+    of = [sorted((n for n in family_of if family_of[n] == kind), key=lambda n: (rank[n], n)) for kind in kinds]
+    ran = [members for members in of if members]
+    each = -(-IN_COLOUR // len(ran))
+    return [name for members in ran for name in members[:each]]
 
 
-def _ranks(tables: Tables, found: DataFrame) -> dict[Any, tuple[float, ...]]:
+def _ranks(tables: Tables, results: DataFrame) -> dict[Any, tuple[float, ...]]:
     """(method, scenario) -> its times to the targets, the smallest error first, infinite where it missed one, and its
     least error; without errors how many of its runs failed, and the most energy that one lost."""
-    rank = found.reindex(columns=[*TARGETS, "least"])
+    rank = results.reindex(columns=[*TARGETS, "least"])
     work, ladder = tables.get("work_precision"), tables.get("conservation")
     if work is not None and "error" in work:
         done = work[work["status"].eq("ok")]
-        rank["least"] = to_numbers(done, "error").groupby([done[c].astype(str) for c in found.index.names]).min()
-    elif not set(TARGETS) & set(found) and ladder is not None:
-        rank["least"] = to_numbers(ladder, "energy_error_max").groupby([ladder[c] for c in found.index.names]).max()
-        rank[TARGETS[0]] = found["ladder_failed"] * 1.0
+        rank["least"] = to_numbers(done, "error").groupby([done[c].astype(str) for c in results.index.names]).min()
+    elif not set(TARGETS) & set(results) and ladder is not None:
+        rank["least"] = to_numbers(ladder, "energy_error_max").groupby([ladder[c] for c in results.index.names]).max()
+        rank[TARGETS[0]] = results["ladder_failed"] * 1.0
     return dict(zip(rank.index, rank.fillna(math.inf).itertuples(index=False, name=None), strict=True))

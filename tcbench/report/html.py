@@ -23,23 +23,23 @@ LAW_DIGITS = 9
 SENTENCES = ("failure", "metric_failure")  # bookkeeping that a reader needs
 
 
-def packed_table(table: DataFrame, known: Table) -> str:
+def packed_table(table: DataFrame, schema: Table) -> str:
     """A table as columns of JSON, compressed, in base64; without what only says where its rows come from, and with the
     tolerance, which is far behind in a file, beside the step.
 
-    known : what its study says of it, and of the digits that the page keeps; the files have them all. Of what a law
+    schema : what its study says of it, and of the digits that the page keeps; the files have them all. Of what a law
     holds all that a series has: what is lost of it is little beside it, and would be drawn as stairs.
 
     A column of words is a list of the distinct ones and the places in it; -1 is no word. NaN and infinities are null;
     of a column that few rows have only the parts with numbers are there, each from a row on.
     """
-    shown = [c for c in table.columns if column(str(c), known).shown or c in SENTENCES]
+    shown = [c for c in table.columns if column(str(c), schema).shown or c in SENTENCES]
     if {"dt", "tolerance"}.issubset(shown):
         shown.remove("tolerance")
         shown.insert(shown.index("dt") + 1, "tolerance")
     laws = {name for name in map(str, table.columns) if f"{name}_error" in table or name == "entropy"}
-    digits = {str(c): column(str(c), known).digits or known.digits for c in shown}
-    digits |= dict.fromkeys(laws & digits.keys(), max(known.digits, LAW_DIGITS))
+    digits = {str(c): column(str(c), schema).digits or schema.digits for c in shown}
+    digits |= dict.fromkeys(laws & digits.keys(), max(schema.digits, LAW_DIGITS))
     columns = {str(c): _column(table[c], digits[str(c)]) for c in shown if table[c].notna().any()}
     return packed_json(columns)
 
@@ -62,8 +62,8 @@ def _column(values: Series, digits: int) -> Any:
         return values.tolist()
     if kind == "f":
         plain = [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in values.tolist()]
-        there = np.isfinite(values.to_numpy(float))
-        ends = np.flatnonzero(np.diff(there, prepend=False, append=False)).reshape(-1, 2).tolist()
+        present = np.isfinite(values.to_numpy(float))
+        ends = np.flatnonzero(np.diff(present, prepend=False, append=False)).reshape(-1, 2).tolist()
         few = 2 * sum(b - a for a, b in ends) + 8 * len(ends) < len(plain)
         return {"from": [a for a, _ in ends], "of": [plain[a:b] for a, b in ends]} if few else plain
     plain = values.astype(object).where(values.notna(), None).tolist()

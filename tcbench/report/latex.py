@@ -18,13 +18,13 @@ SPECIAL = {
 }  # fmt: skip
 
 
-def to_latex(table: DataFrame, known: Table) -> str:
+def to_latex(table: DataFrame, schema: Table) -> str:
     """A tabular, numbers with three digits; needs no package but amsmath's, and asks for none."""
-    columns = known.terminal or shown_columns(table.columns, known)
-    there = [c for c in dict.fromkeys(["scenario", *columns]) if c in table and table[c].notna().any()]
-    sides = "".join("r" if table[c].dtype.kind in "fiu" else "l" for c in there)
-    head = " & ".join(text(column(c, known).label) for c in there)
-    rows = [" & ".join(cell(value) for value in row) for row in table[there].itertuples(index=False)]
+    columns = schema.terminal or shown_columns(table.columns, schema)
+    filled = [c for c in dict.fromkeys(["scenario", *columns]) if c in table and table[c].notna().any()]
+    sides = "".join("r" if table[c].dtype.kind in "fiu" else "l" for c in filled)
+    head = " & ".join(text(column(c, schema).label) for c in filled)
+    rows = [" & ".join(cell(value) for value in row) for row in table[filled].itertuples(index=False)]
     body = "".join(f"{row} \\\\\n" for row in rows)
     return f"\\begin{{tabular}}{{{sides}}}\n\\hline\n{head} \\\\\n\\hline\n{body}\\hline\n\\end{{tabular}}\n"
 

@@ -24,10 +24,9 @@ def mark_of_limit(limit: Any, cause: Any) -> str:
     kinds = {"none": ">", "solver": "R", "branch": "R", "positivity": "P"}
     if not isinstance(limit, str):
         return ""
-    found = next((mark for word, mark in WORDS.items() if word in str(cause)), "B")
-    return kinds.get(limit, found)
+    return kinds.get(limit) or next((mark for word, mark in WORDS.items() if word in str(cause)), "B")
 
 
-def told(counts: dict[str, int]) -> str:
+def as_text(counts: dict[str, int]) -> str:
     """ "3 blow-up, 2 entropy falls"."""
     return ", ".join(f"{counts[mark]} {text}" for mark, text in MARKS.items() if counts.get(mark))

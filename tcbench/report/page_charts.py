@@ -16,8 +16,7 @@ from ..studies.base import known_tables
 from ..studies.columns import column
 from ..table import Table
 from .charts import theme
-from .charts.render import leading, span
-from .charts.render import told as noted
+from .charts.render import leading, span, with_note
 from .charts.style import finite
 from .page_data import families
 
@@ -35,20 +34,20 @@ def panels_of(
 
     problems : sentences on charts of plugins that cannot be drawn are appended.
     """
-    found, schemas = {}, known_tables(declared)
-    known = {name: table.reset_index(drop=True) for name, table in tables.items()}
-    parts = cache(lambda name: {str(scenario): rows for scenario, rows in known[name].groupby("scenario")})
+    content, schemas = {}, known_tables(declared)
+    indexed = {name: table.reset_index(drop=True) for name, table in tables.items()}
+    parts = cache(lambda name: {str(scenario): rows for scenario, rows in indexed[name].groupby("scenario")})
 
     def part(name: str, scenario: str | None) -> Any:
-        if scenario is None or "scenario" not in known.get(name, ()):
-            return known.get(name)
-        return parts(name).get(scenario, known[name].iloc[:0])
+        if scenario is None or "scenario" not in indexed.get(name, ()):
+            return indexed.get(name)
+        return parts(name).get(scenario, indexed[name].iloc[:0])
 
     with theme.using(theme.Theme(families=families(tables, declared))):
         for chart in charts:
             try:
                 said = tuple(schemas[name] for name in (*chart.needs, *chart.also) if name in schemas)
-                of = _sheets(chart, known, part, said) if chart.possible(known) and not chart.picture else {}
+                of = _sheets(chart, indexed, part, said) if chart.possible(indexed) and not chart.picture else {}
             except MemoryError:
                 raise
             except Exception as error:  # of a plugin's function
@@ -56,29 +55,29 @@ def panels_of(
                 problems.append(f"The chart {chart.name!r} is not on the page: {why}")
                 continue
             if of:
-                found[chart.name] = {"text": chart.text, "table": chart.needs[0], "of": of}
-    return found
+                content[chart.name] = {"text": chart.text, "table": chart.needs[0], "of": of}
+    return content
 
 
 def _sheets(
     chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any], said: tuple[Table, ...]
 ) -> dict[str, list[dict[str, Any]]]:
     """Its panels by scenario. part : (name of a table, scenario) -> its rows, as `Chart.select`, of all charts."""
-    draw, found, told = getattr(chart.panels, "__wrapped__", chart.panels), {}, Told(tables[chart.needs[0]], said)
+    draw, shown, page = getattr(chart.panels, "__wrapped__", chart.panels), {}, PageTable(tables[chart.needs[0]], said)
     for scenario in chart.scenarios(tables):
         panels = draw(*(part(name, scenario) for name in (*chart.needs, *chart.also)))
         if not hasattr(panels, "savefig"):
-            found[scenario or ""] = [_panel(noted(panel), told) for panel in sheet_of(panels).panels]
-    return found
+            shown[scenario or ""] = [_panel(with_note(panel), page) for panel in sheet_of(panels).panels]
+    return shown
 
 
-def _panel(panel: Panel, told: Told) -> dict[str, Any]:
+def _panel(panel: Panel, page: PageTable) -> dict[str, Any]:
     front = None if panel.rank is None else leading(panel)
     return _shown({
         "title": panel.title, "note": panel.note, "errors": panel.errors, "stepped": panel.stepped,
         "largest": panel.largest, "keys": dict(panel.keys), "fore": front,
-        "x": _axis(panel, "x", panel.x_scale, told), "y": _axis(panel, "y", panel.y_scale, told),
-        "series": [_series(one, told) for one in panel.series], "rows": [_row(one, told) for one in panel.rows],
+        "x": _axis(panel, "x", panel.x_scale, page), "y": _axis(panel, "y", panel.y_scale, page),
+        "series": [_series(one, page) for one in panel.series], "rows": [_row(one, page) for one in panel.rows],
     })  # fmt: skip
 
 
@@ -86,30 +85,30 @@ def _shown(parts: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in parts.items() if value not in ([], {}, "", False)}
 
 
-def _axis(panel: Panel, which: str, scale: str, told: Told) -> dict[str, Any]:
+def _axis(panel: Panel, which: str, scale: str, page: PageTable) -> dict[str, Any]:
     """Its label, its scale, the least and the largest number that this can show, and which way is better."""
-    known = span(panel, which)
-    known = known[(known > 0) if scale in ("log", "zero") else np.isfinite(known)]
-    domain = [float(known.min()), float(known.max())] if len(known) else None
+    numbers = span(panel, which)
+    numbers = numbers[(numbers > 0) if scale in ("log", "zero") else np.isfinite(numbers)]
+    domain = [float(numbers.min()), float(numbers.max())] if len(numbers) else None
     values = [getattr(one, which) for one in panel.series[:1]]
     values += [places for row in panel.rows for places in row.marks.values() if which == "x"]
-    worse = next((column(str(of.name), *told.said).worse for of in values if hasattr(of, "name")), "")
+    worse = next((column(str(of.name), *page.said).worse for of in values if hasattr(of, "name")), "")
     better = {"": "", "lower": "more"}.get(worse, "less")
     return _shown({"label": getattr(panel, which), "scale": scale, "better": better}) | {
         "domain": [-0.02, 1.02] if scale == "share" else domain
     }
 
 
-def _series(one: Series, told: Told) -> dict[str, Any]:
-    rows, failed = told.rows(one.x), told.rows(one.crosses)
-    parts = {name: told.numbers(getattr(one, name), rows) for name in ("x", "y", "low", "high")}
-    parts |= {"at": steps(rows), "failed": steps(failed), "crosses": told.numbers(one.crosses, failed)}
+def _series(one: Series, page: PageTable) -> dict[str, Any]:
+    rows, failed = page.rows(one.x), page.rows(one.crosses)
+    parts = {name: page.numbers(getattr(one, name), rows) for name in ("x", "y", "low", "high")}
+    parts |= {"at": steps(rows), "failed": steps(failed), "crosses": page.numbers(one.crosses, failed)}
     return _shown(parts | {name: getattr(one, name) for name in ("name", "text", "line", "marks", "plain", "ended")})
 
 
-def _row(one: Row, told: Told) -> dict[str, Any]:
-    marks = [[mark, steps(rows := told.rows(x)), told.numbers(x, rows)] for mark, x in one.marks.items()]
-    ends = {"bar": told.numbers(one.bar or (), NOWHERE), "dotted": told.numbers([one.dotted], NOWHERE)[0] or ""}
+def _row(one: Row, page: PageTable) -> dict[str, Any]:
+    marks = [[mark, steps(rows := page.rows(x)), page.numbers(x, rows)] for mark, x in one.marks.items()]
+    ends = {"bar": page.numbers(one.bar or (), NOWHERE), "dotted": page.numbers([one.dotted], NOWHERE)[0] or ""}
     return _shown({"name": one.name, "marks": marks, "text": one.text, "hollow": one.hollow} | ends)
 
 
@@ -119,7 +118,7 @@ def steps(rows: NDArray[Any]) -> list[int]:
     return [n for step, count in runs for n in ([-count] if step == 1 and count > 1 else [step] * count)]
 
 
-class Told:
+class PageTable:
     """What the page has of a chart's first table already."""
 
     def __init__(self, table: DataFrame, said: tuple[Table, ...]) -> None:
@@ -129,13 +128,13 @@ class Told:
     def rows(self, values: Any) -> NDArray[Any]:
         """Those of the table that a column is of; NOWHERE if it is none of its columns."""
         rows = np.asarray(values.index) if len(values) and hasattr(values, "name") else NOWHERE
-        known = len(rows) and rows.dtype.kind == "i" and rows.min() >= 0 and rows.max() < self.count
-        return rows if known else NOWHERE
+        is_index = len(rows) and rows.dtype.kind == "i" and rows.min() >= 0 and rows.max() < self.count
+        return rows if is_index else NOWHERE
 
     def numbers(self, values: Any, rows: NDArray[Any]) -> Any:
         """A column of the table by its name, where these rows of it say the same; else the numbers."""
-        found = finite(values)
-        known = self.column(str(values.name)) if len(rows) and np.array_equal(self.rows(values), rows) else None
-        if known is not None and np.array_equal(found, known[rows], equal_nan=True):
+        floats = finite(values)
+        stored = self.column(str(values.name)) if len(rows) and np.array_equal(self.rows(values), rows) else None
+        if stored is not None and np.array_equal(floats, stored[rows], equal_nan=True):
             return str(values.name)
-        return [float(f"{value:.{DIGITS}g}") if value == value else None for value in found.tolist()]
+        return [float(f"{value:.{DIGITS}g}") if value == value else None for value in floats.tolist()]

@@ -28,9 +28,8 @@ def pairs(tables: Tables, declared: Tables) -> DataFrame:
     """A row for each method and scenario of any table, indexed by both and sorted; absent studies leave columns out.
 
     failed, runs : of `ladder_runs`, and mark_B, mark_S ... how many of these runs ended with which of `marks.MARKS`;
-    ladder_failed, ladder_runs : of `conservation` alone, with
-    dt_most, its largest step, and done, its runs with a completed step. kept_LAW, of_LAW : the runs that kept a law, of
-    those whose system has it; worst_LAW, at_LAW : its largest loss, and at which step or tolerance. lawful : those that
+    ladder_failed, ladder_runs : of `conservation` alone, with dt_most, its largest step, and done, its runs with a
+    completed step. kept_LAW, of_LAW : the runs that kept a law, of those whose system has it; worst_LAW, at_LAW : its largest loss, and at which step or tolerance. lawful : those that
     ended and kept every one. fails : whether one of them failed or there is a largest stable step; fails_from : the
     least step at which that is so.
     order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
@@ -44,28 +43,28 @@ def pairs(tables: Tables, declared: Tables) -> DataFrame:
 
     plain = {name: table.dropna(subset=PAIR) for name, table in tables.items() if {*PAIR} <= set(table)}
     plain = {name: table.assign(**{of: table[of].astype(str) for of in PAIR}) for name, table in plain.items()}
-    there = [table[PAIR] for table in plain.values()]
-    if not there:
+    names = [table[PAIR] for table in plain.values()]
+    if not names:
         return pd.DataFrame(index=pd.MultiIndex.from_arrays([[], []], names=PAIR))
-    index = pd.MultiIndex.from_frame(pd.concat(there).drop_duplicates()).sort_values()
+    index = pd.MultiIndex.from_frame(pd.concat(names).drop_duplicates()).sort_values()
     parts = [_ladders(plain), *_of_ladder(plain.get("conservation"), declared)]
     parts += [_orders(plain.get("convergence")), _steps(plain.get("stability")), _cost(plain, declared)]
     parts += [*_times(plain.get("time_to_accuracy")), *_coarsest(plain.get("work_precision"))]
-    known = [part for part in parts if part is not None]
-    return _with_failures(pd.concat([pd.DataFrame(index=index), *known], axis=1).reindex(index))
+    columns = [part for part in parts if part is not None]
+    return _with_failures(pd.concat([pd.DataFrame(index=index), *columns], axis=1).reindex(index))
 
 
-def _with_failures(found: DataFrame) -> DataFrame:
+def _with_failures(results: DataFrame) -> DataFrame:
     """The table with what both ladders, of runs and of stable steps, say of failures."""
     import pandas as pd
 
-    limit, runs = (found.get(name, pd.Series(math.nan, found.index)) for name in ("limit", "ladder_runs"))
+    limit, runs = (results.get(name, pd.Series(math.nan, results.index)) for name in ("limit", "ladder_runs"))
     limited = limit.notna() & limit.ne("none")
-    fails = limited | (found["ladder_failed"] > 0 if "ladder_failed" in found else False)
-    steps = found.reindex(columns=["least_failed", "dt_unstable"])
+    fails = limited | (results["ladder_failed"] > 0 if "ladder_failed" in results else False)
+    steps = results.reindex(columns=["least_failed", "dt_unstable"])
     steps["dt_unstable"] = steps["dt_unstable"].where(limited)
     asked = limit.notna() | runs.notna()
-    return found.assign(fails=fails.astype(float).where(asked), fails_from=steps.min(axis=1))
+    return results.assign(fails=fails.astype(float).where(asked), fails_from=steps.min(axis=1))
 
 
 def to_numbers(table: DataFrame, column: str) -> Any:
@@ -75,11 +74,11 @@ def to_numbers(table: DataFrame, column: str) -> Any:
     return pd.to_numeric(table[column] if column in table else pd.Series(math.nan, table.index), errors="coerce")
 
 
-def times_over_best(found: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
+def times_over_best(results: DataFrame, key: str = "time 1e-06") -> dict[str, list[float]]:
     """Method -> its time over the fastest method's, one a scenario; infinite where it did not get there."""
-    if key not in found:
+    if key not in results:
         return {}
-    times = found[key].dropna()
+    times = results[key].dropna()
     ratios = times / times.groupby(level="scenario").transform("min")
     return {name: of.fillna(math.inf).tolist() for name, of in ratios.groupby(level="integrator")}
 
@@ -101,9 +100,9 @@ def losses(table: DataFrame, law: str) -> Any:
 
 def law_columns(table: DataFrame) -> dict[str, str]:
     """Law -> column of `conservation`: energy, entropy, and each invariant that some system of the run has."""
-    there = {law: claim_column(law) for law in ("energy", "entropy") if claim_column(law) in table}
+    columns = {law: claim_column(law) for law in ("energy", "entropy") if claim_column(law) in table}
     others = [c for c in invariant_columns(table.columns) if table[c].notna().any()]
-    return there | {c.removesuffix(ERROR_MAX): c for c in others}
+    return columns | {c.removesuffix(ERROR_MAX): c for c in others}
 
 
 def departed(tables: Tables) -> list[str]:
@@ -134,9 +133,9 @@ def departed(tables: Tables) -> list[str]:
     return said
 
 
-def laws(found: DataFrame) -> list[str]:
+def laws(results: DataFrame) -> list[str]:
     """The laws that were judged."""
-    return [str(name).removeprefix("kept_") for name in found if str(name).startswith("kept_")]
+    return [str(name).removeprefix("kept_") for name in results if str(name).startswith("kept_")]
 
 
 def ladder_runs(tables: Tables) -> DataFrame:
@@ -202,10 +201,10 @@ def _at_own_step(table: DataFrame, declared: Tables) -> DataFrame:
     """The rows of `conservation` at each scenario's own step, declared or else the middle one of its ladder; adaptive
     solvers have none."""
     steps = to_numbers(table, "dt")
-    known = steps[steps.abs() < math.inf].groupby(table["scenario"]).unique()
-    own = {name: sorted(of)[len(of) // 2] for name, of in known.items()}
-    told = {name: facts.get("dt") for name, facts in declared.get("scenarios", {}).items()}
-    own |= {name: float(dt) for name, dt in told.items() if is_finite(dt)}
+    ladders = steps[steps.abs() < math.inf].groupby(table["scenario"]).unique()
+    own = {name: sorted(of)[len(of) // 2] for name, of in ladders.items()}
+    declared_steps = {name: facts.get("dt") for name, facts in declared.get("scenarios", {}).items()}
+    own |= {name: float(dt) for name, dt in declared_steps.items() if is_finite(dt)}
     return table[(steps / table["scenario"].map(own).astype(float) - 1).abs() < 1e-9]
 
 
@@ -263,13 +262,13 @@ def _coarsest(table: DataFrame | None) -> list[Any]:
     rows = table[table["control"].eq("dt")]
     rows = rows.assign(value=to_numbers(rows, "value"))
     rows = rows[rows["value"] >= (1 - 1e-9) * rows.groupby("scenario")["value"].transform("max")]
-    found: list[Any] = [_last(rows, dt_coarsest=rows["value"], inner=to_numbers(rows, "inner_steps_mean"))]
+    columns: list[Any] = [_last(rows, dt_coarsest=rows["value"], inner=to_numbers(rows, "inner_steps_mean"))]
     for name, column in (("coarse", "error_theta"), ("produced", "error_entropy_produced")):
         error = to_numbers(rows, column)
-        there = error.notna().groupby(rows["scenario"]).transform("any")
-        known = rows.assign(error=_plain(rows, column).fillna(10 * to_numbers(rows, "reference_floor")))
-        found += [_one(known[there], "error", name)] if there.any() else []
-    return found
+        measured = error.notna().groupby(rows["scenario"]).transform("any")
+        errors = rows.assign(error=_plain(rows, column).fillna(10 * to_numbers(rows, "reference_floor")))
+        columns += [_one(errors[measured], "error", name)] if measured.any() else []
+    return columns
 
 
 def _cost(tables: Tables, declared: Tables) -> Series | None:

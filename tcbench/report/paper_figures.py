@@ -116,8 +116,8 @@ def measurement(run: Trajectory) -> str:
         energy = f"E = {run.energy[0]:.6g}, moving by {high - low:.0e}"
     else:
         energy = f"E from {low:.5g} to {high:.5g}"
-    least = run.summary.entropy_increment_min
-    fall = "never falling" if least >= -1e-13 else f"falling by up to {-least:.0e} in a step"
+    smallest = run.summary.entropy_increment_min
+    fall = "never falling" if smallest >= -1e-13 else f"falling by up to {-smallest:.0e} in a step"
     strains = " and ".join(f"{v:.3f}" for v in run.scenario.model.log_strain(run.scenario.model.shape(run.z[-1, :4])))
     return (
         f"{run.integrator.name}: {energy}; S from {run.entropy[0]:.4g} to {run.entropy[-1]:.5g}, {fall}; "

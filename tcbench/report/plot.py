@@ -139,10 +139,10 @@ def _columns(
     from pandas.api.types import is_numeric_dtype
 
     able = (*kind.options, *(["y"] if kind.picks else []))
-    for name, given in (("x", x), ("y", y)):
-        if given and name not in able:
-            there = ", ".join(able) or "none"
-            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: {there}.")
+    for name, columns in (("x", x), ("y", y)):
+        if columns and name not in able:
+            options = ", ".join(able) or "none"
+            raise TcbenchError(f"The chart {kind.name!r} has no option {name}; those that it has: {options}.")
     table = tables[kind.needs[0]]
     if kind.picks and y:
         picked = table[kind.picks].astype(str)
@@ -224,8 +224,8 @@ def _at_step(tables: dict[str, DataFrame], dt: float | None) -> dict[str, DataFr
         return tables
     steps = sorted({float(v) for v in tables[RUNS].get("dt", ()) if v == v})
     if not np.isclose(steps, dt, rtol=1e-9).any():
-        there = ", ".join(f"{step:g}" for step in steps) or "none"
-        raise TcbenchError(f"No run of dt = {dt:g} was kept in time; this run has {there}.")
+        kept = ", ".join(f"{step:g}" for step in steps) or "none"
+        raise TcbenchError(f"No run of dt = {dt:g} was kept in time; this run has {kept}.")
     near = {n: np.isclose(t["dt"].astype(float), dt, rtol=1e-9) for n, t in tables.items() if n in (RUNS, OPENING)}
     return tables | {name: tables[name][rows] for name, rows in near.items()}
 
@@ -237,19 +237,19 @@ def _absent(kind: Chart, tables: dict[str, DataFrame]) -> str:
             "each scenario's own step. Run it, or pass results of tcbench.simulate instead."
         )
     missing = next(name for name in kind.needs if name not in tables or not len(tables[name]))
-    made = "map INTEGRATOR SCENARIO" if missing in MAPS else f"run --study {kind.study}"
-    remedy = f" tcbench {made} makes it." if kind.study else ""
-    there = ", ".join(tables) or "none"
-    return f"The chart {kind.name!r} needs the table {missing!r}, which this run has not. Its tables: {there}.{remedy}"
+    command = "map INTEGRATOR SCENARIO" if missing in MAPS else f"run --study {kind.study}"
+    remedy = f" tcbench {command} makes it." if kind.study else ""
+    lack = f"The chart {kind.name!r} needs the table {missing!r}, which this run has not."
+    return f"{lack} Its tables: {', '.join(tables) or 'none'}.{remedy}"
 
 
 def _scenario(kind: Chart, tables: dict[str, DataFrame], scenario: str | None) -> str | None:
     """The scenario to draw: the one asked for, or the only one there is."""
-    there = [name for name in kind.scenarios(tables) if name is not None]
-    if not there and scenario is not None:  # a chart of all
+    choices = [name for name in kind.scenarios(tables) if name is not None]
+    if not choices and scenario is not None:  # a chart of all
         tables |= {name: of_scenario(tables[name], scenario) for name in kind.needs}
-    elif there and scenario is None and len(there) > 1:
-        raise TcbenchError(f"Which scenario? This run has {', '.join(there)}.")
-    elif there and scenario not in (None, *there):
-        raise unknown_name("scenario of this run", str(scenario), there)
-    return (scenario or there[0]) if there else None
+    elif choices and scenario is None and len(choices) > 1:
+        raise TcbenchError(f"Which scenario? This run has {', '.join(choices)}.")
+    elif choices and scenario not in (None, *choices):
+        raise unknown_name("scenario of this run", str(scenario), choices)
+    return (scenario or choices[0]) if choices else None

@@ -64,9 +64,9 @@ def _published(run: Path, name: str, output: Path) -> dict[str, Any]:
     write_report(run, page=place / INDEX)  # anew: whose scripts the page in the folder has nobody knows
     shutil.rmtree(place / "tables", ignore_errors=True)
     (place / "tables").mkdir()
-    for found in (run / "tables").glob("[!.]*") if not (run / "tables").is_symlink() else ():
-        if found.suffix.lower() in COPIED and found.is_file() and not found.is_symlink():  # which may lead out of it
-            shutil.copyfile(found, place / "tables" / found.name)
+    for file in (run / "tables").glob("[!.]*") if not (run / "tables").is_symlink() else ():
+        if file.suffix.lower() in COPIED and file.is_file() and not file.is_symlink():  # which may lead out of it
+            shutil.copyfile(file, place / "tables" / file.name)
     (place / "declared.json").write_text(json.dumps(declared, indent=2, sort_keys=True), encoding="utf-8")
     (place / "manifest.json").write_text(json.dumps(manifest, indent=2, sort_keys=True), encoding="utf-8")
     git: dict[str, Any] = manifest.get("git") or {}

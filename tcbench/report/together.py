@@ -39,18 +39,18 @@ def together(
     every, declared = {name: [table] for name, table in tables.items()}, first | {"absent": {}}
     for folder in others:
         run = Store.read(folder)
-        found, more, name = read_tables(run), run.declared(), run.folder.resolve().name
+        theirs, more, name = read_tables(run), run.declared(), run.folder.resolve().name
         labels[name] += 1
         label = name if labels[name] == 1 else f"{name} {labels[name]}"
         store.problems += [problem for problem in run.problems if problem not in store.problems]
-        there = {kind: {n for of in every.values() for t in of if kind in t for n in t[kind].dropna()} for kind in PAIR}
-        scenes, known = more.get("scenarios", {}), declared.get("scenarios", {})
-        changed = [s for s in scenes if s in known and not _alike(scenes[s], known[s])]
-        renamed = {"integrator": {m: _of_run(m, label) for m in names(found, "integrator") if m in there["integrator"]},
-                   "scenario": {s: _of_run(s, label) for s in changed}}  # fmt: skip
-        factor, why = _yardstick({name: of[0] for name, of in every.items()}, found, store, run, label, changed)
+        taken = {kind: {n for of in every.values() for t in of if kind in t for n in t[kind].dropna()} for kind in PAIR}
+        scenes, defined = more.get("scenarios", {}), declared.get("scenarios", {})
+        changed = [s for s in scenes if s in defined and not _alike(scenes[s], defined[s])]
+        shared = taken["integrator"].intersection(names(theirs, "integrator"))
+        renamed = {kind: {n: _of_run(n, label) for n in of} for kind, of in zip(PAIR, (shared, changed), strict=True)}
+        factor, why = _yardstick({name: of[0] for name, of in every.items()}, theirs, store, run, label, changed)
         schemas = known_tables(more)
-        for name, table in found.items():
+        for name, table in theirs.items():
             if name not in every or "integrator" in table:
                 own = (schemas[name],) if name in schemas else ()
                 every.setdefault(name, []).append(_renamed(_scaled(table, factor, own), renamed))
@@ -85,7 +85,7 @@ def _scaled(table: DataFrame, factor: float, schemas: tuple[Any, ...]) -> DataFr
 
 
 def _yardstick(
-    tables: Mapping[str, DataFrame], found: Mapping[str, DataFrame], store: Store, run: Store, label: str,
+    tables: Mapping[str, DataFrame], others: Mapping[str, DataFrame], store: Store, run: Store, label: str,
     changed: Sequence[str],
 ) -> tuple[float, str]:  # fmt: skip
     """By how much the times of a run are multiplied, and why."""
@@ -94,16 +94,16 @@ def _yardstick(
         return 1.0, f"{label} was measured on the same kind of machine ({here}): its times are as they were."
     beside = where or "a machine that it does not name"
     for name, of_a_step in (("work_precision", timed_steps), ("conservation", _of_a_step)):
-        if name in tables and name in found:
-            mine, theirs = (of_a_step(of[name]) for of in (tables, found))
+        if name in tables and name in others:
+            mine, theirs = (of_a_step(of[name]) for of in (tables, others))
             ratio = (mine / theirs[~theirs.index.get_level_values("scenario").isin(changed)]).dropna()
             if len(ratio):
                 factor, of = (
                     float(ratio.median()),
                     f"of a step's time over {len(ratio)} pair{'s' * (len(ratio) > 1)} of method and scenario",
                 )
-                told = f"{label} was measured on {beside}: its times are multiplied by {factor:.2g}, the median ratio"
-                return factor, f"{told} {of} that both have."
+                start = f"{label} was measured on {beside}: its times are multiplied by {factor:.2g}, the median ratio"
+                return factor, f"{start} {of} that both have."
     return 1.0, f"{label} was measured on {beside} and shares no timed method: its times do not compare."
 
 

@@ -22,12 +22,12 @@ def verdicts(method: Any, row: Mapping[str, Any]) -> dict[str, str]:
     """Column -> what a run says of the law that it measures: claimed, kept or hidden; "" for every other column."""
     laws = {claim_column(claim): claim for claim in ("energy", "entropy", *method.claims)}
     laws = {str(name): str(name).removesuffix(ERROR_MAX) for name in row if str(name).endswith(ERROR_MAX)} | laws
-    found = {}
+    texts = {}
     for column, law in laws.items():
         if is_finite(row.get(column)) and row.get("steps", 1) > 0:
             round_off = float(row.get("energy_round_off") or 0.0) if law == "energy" else 0.0
             holds = float(row[column]) <= round_off or is_kept(law, float(row[column]))
             claimed = "claimed" if is_claimed(law, method.claims) else "not claimed"
             seen = "kept" if holds else "not kept"
-            found[column] = f"{claimed}, {'hidden by the round-off of E' if round_off > HIDDEN else seen}"
-    return found
+            texts[column] = f"{claimed}, {'hidden by the round-off of E' if round_off > HIDDEN else seen}"
+    return texts

@@ -39,18 +39,18 @@ TOGETHER = re.compile(r"(?<=\d) (?=(?:%|µs|ms|s)(?!\w))|(?<=\b[ht]) (?==)|(?<=\
 
 
 def write_report(
-    folder: str | Path, known: tuple[Store, Mapping[str, DataFrame]] | None = None, page: Path | None = None,
+    folder: str | Path, source: tuple[Store, Mapping[str, DataFrame]] | None = None, page: Path | None = None,
     others: Sequence[str | Path] = (),
 ) -> Path:  # fmt: skip
     """Write `report.html` into a run folder, complete or not at all; returns its path.
 
-    known : the folder's store and tables, where they have been read. page : another place for it. others : folders of
+    source : the folder's store and tables, where they have been read. page : another place for it. others : folders of
     runs that are on the page, too.
 
     Everything that the run has is shown, and nothing is said of studies that it has not. Raises TcbenchError where
     there is no run or nothing can be written.
     """
-    store, tables = known or (found := Store.read(folder), read_tables(found))
+    store, tables = source or (run := Store.read(folder), read_tables(run))
     if not any(len(table) for table in tables.values()):
         raise TcbenchError(f"{str(folder)!r} holds no finished cell yet; there is nothing to report.")
     tables, declared, beside = together(store, tables, others) if others else (dict(tables), store.declared(), [])
@@ -76,32 +76,32 @@ def templates() -> Any:
 
 def _unbroken(text: str) -> str:
     """No line ends between a number and its unit, nor within h = 0.3 or 1e-6, which is 10⁻⁶ as in the page's lists."""
-    return TOGETHER.sub("\u00a0", POWER.sub(lambda found: power_text(float(found[0])), text))
+    return TOGETHER.sub("\u00a0", POWER.sub(lambda match: power_text(float(match[0])), text))
 
 
 def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, Any]) -> dict[str, Any]:
     """What the template of the page asks for."""
     texts = "\n".join(script_text(f"{name}.js") for name in SCRIPTS)
     script = f'"use strict";\n(async () => {{\n{texts}\n}})();'
-    manifest, found, scenarios = store.manifest(), pairs(tables, declared), names(tables, "scenario")
-    rows = methods(found, tables, declared)
+    manifest, results, scenarios = store.manifest(), pairs(tables, declared), names(tables, "scenario")
+    rows = methods(results, tables, declared)
     charts = panels_of(kinds().values(), tables, declared, store.problems)
-    known = {name: Table(name) for name in tables} | known_tables(declared)
-    columns = {name: [column(str(c), known[name]) for c in table.columns] for name, table in tables.items()}
+    schemas = {name: Table(name) for name in tables} | known_tables(declared)
+    columns = {name: [column(str(c), schemas[name]) for c in table.columns] for name, table in tables.items()}
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),
         "looks": {name: [one.colour, one.marker, dashes(one.dash)] for name, one in run_looks(tables).items()},
-        "leaders": leaders(tables, declared, found),
-        "answers": {name: [(*told, _unbroken(text)) for *told, text in said]
-                    for name, said in scenario_answers(found, tables, scenarios).items()},
-        "lawful": lawful_ones(found), "loose": LOOSE, "paper": paper(tables.get("claims")),
-        "dots": law_dots(found, declared), "opening": telling(found), "marks": MARKS,
-        "lenses": lenses(found), "failures": failures(tables), "stopped": stopped(tables),
+        "leaders": leaders(tables, declared, results),
+        "answers": {name: [(*question, _unbroken(text)) for *question, text in said]
+                    for name, said in scenario_answers(results, tables, scenarios).items()},
+        "lawful": lawful_ones(results), "loose": LOOSE, "paper": paper(tables.get("claims")),
+        "dots": law_dots(results, declared), "opening": telling(results), "marks": MARKS,
+        "lenses": lenses(results), "failures": failures(tables), "stopped": stopped(tables),
         "charts": list(charts), "tables": {name: len(table) for name, table in tables.items()},
         "places": {name: names({name: table}, "scenario") for name, table in tables.items()},
-        "labels": {one.name: one.label for told in columns.values() for one in told},
+        "labels": {one.name: one.label for of in columns.values() for one in of},
         "variables": [*dict.fromkeys(c for name in ROW[:2] if name in tables for c in variables(tables[name].columns))],
-        "filters": {name: [one.name for one in told if one.filter] for name, told in columns.items()},
+        "filters": {name: [one.name for one in of if one.filter] for name, of in columns.items()},
     }  # fmt: skip
     return {
         "title": store.folder.resolve().name,
@@ -109,7 +109,7 @@ def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, 
         "when": str(manifest.get("ended", "")),
         "counts": (len(rows), len(scenarios)),
         "findings": [
-            finding._asdict() | {"text": _unbroken(finding.text)} for finding in findings(found, tables, declared)
+            finding._asdict() | {"text": _unbroken(finding.text)} for finding in findings(results, tables, declared)
         ],
         "methods": rows,
         "families": FAMILIES,
@@ -120,11 +120,11 @@ def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, 
         "metrics": {n: m["description"] for n, m in declared.get("metrics", {}).items() if m["description"]},
         "absent": sorted(declared.get("absent", {}).items()),
         "manifest": _facts(manifest),
-        "provenances": {name: _facts(found) for name, found in store.provenances().items()},
+        "provenances": {name: _facts(facts) for name, facts in store.provenances().items()},
         "references": _references(tables),
         "problems": store.problems,
         "page": packed_json(data),
-        "packed": {name: packed_table(table, known[name]) for name, table in tables.items()},
+        "packed": {name: packed_table(table, schemas[name]) for name, table in tables.items()},
         "library": packed(vendored()),
         "script": script,
         "hashes": [script_hash(text) for text in (script, vendored())],
@@ -150,16 +150,14 @@ def _named(declared: Mapping[str, Any], tables: Mapping[str, DataFrame]) -> dict
 
 def _references(tables: Mapping[str, DataFrame]) -> list[tuple[str, str]]:
     """What errors are measured against, by scenario, with its own uncertainty where a table has it."""
-    found: dict[tuple[str, str], float] = {}
+    floor_of: dict[tuple[str, str], float] = {}
     for study in ("work_precision", "convergence"):
         table = tables.get(study)
         if table is not None and "reference" in table:
             floors = table.get("reference_floor", table["reference"].map(lambda _: math.nan))
             for (name, text), floor in floors.groupby([table["scenario"], table["reference"]]).max().items():
-                found.setdefault((str(name), str(text)), float(floor))
-    return [
-        (name, f"{text}: ± {floor:.1g}" if floor == floor else text) for (name, text), floor in sorted(found.items())
-    ]
+                floor_of.setdefault((str(name), str(text)), float(floor))
+    return [(name, f"{text}: ± {x:.1g}" if x == x else text) for (name, text), x in sorted(floor_of.items())]
 
 
 def _facts(data: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

@@ -88,13 +88,13 @@ def performance_profiles(table: DataFrame) -> Sheet:
 def _profile(part: DataFrame, measure: Any, target: Any) -> Panel:
     runs, left_out = (int(part[c].iloc[0]) for c in ("runs", "without_reference"))
     missing = f", {left_out} without reference" if left_out else ""
-    known, solving, methods = np.isfinite(finite(part["share"])).any(), _ranked(part), by_name(part)
+    measured, solving, methods = np.isfinite(finite(part["share"])).any(), _ranked(part), by_name(part)
     return Panel(
         [_banded(part, name, methods[name], "tau", "", ends=False) for name in reversed(solving)],
         "time over the fastest method's, τ", "share of scenarios", y_scale="share", rank=solving, stepped=True,
         x_values=part["tau"],
         title=f"{measure} to {power(target)}: {runs} scenarios{missing}",
-        note="" if known else "no scenario has a reference that is good enough",
+        note="" if measured else "no scenario has a reference that is good enough",
     )  # fmt: skip
 
 

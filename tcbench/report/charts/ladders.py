@@ -50,13 +50,13 @@ def _losses(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -
         np.maximum(0.0, error.values, out=error.values)
     if lost := column in RISES or (column_named(column).worse == "larger" and column not in COUNTS):
         np.abs(error.values, out=error.values)
-    there, usable = np.isfinite(h.values), done & np.isfinite(error.values)
-    shown = {name: rows for name, rows in methods.items() if there[rows].any()}
-    known = error.values[usable]
-    wide = len(known) and known.min() > 0 and known.max() > FAR * known.min()
+    stepped, usable = np.isfinite(h.values), done & np.isfinite(error.values)
+    shown = {name: rows for name, rows in methods.items() if stepped[rows].any()}
+    sizes = error.values[usable]
+    wide = len(sizes) and sizes.min() > 0 and sizes.max() > FAR * sizes.min()
     scale = "zero" if lost else "log" if wide else "linear"  # what is no loss, as of a plugin, may have any sign
     return Panel(
-        lines(shown, h, error, there & usable, h.values, there & ~done), column_named(x).label,
+        lines(shown, h, error, stepped & usable, h.values, stepped & ~done), column_named(x).label,
         column_named(column).label, y_scale=scale, errors=lost, x_values=h, y_values=error[done],
         note="" if shown else "no run has a fixed step",
     )  # fmt: skip
@@ -80,17 +80,17 @@ def blowup(table: DataFrame, sensitivity: DataFrame | None = None) -> Sheet:
     if "solver" in table:
         table = table[table["solver"].astype(str) != "plain"].reset_index(drop=True)
     h, times, done, methods = numbers(table, "dt"), numbers(table, "blowup_time"), np.asarray(ok(table)), by_name(table)
-    timed, there = ~done & np.isfinite(times.values), np.isfinite(h.values)
-    series = lines(methods, h, times, timed & there, h.values, there & ~done & ~timed, line=False)
+    timed, stepped = ~done & np.isfinite(times.values), np.isfinite(h.values)
+    series = lines(methods, h, times, timed & stepped, h.values, stepped & ~done & ~timed, line=False)
     if sensitivity is not None and {"dt", "earliest", "median", "latest"} <= set(sensitivity):
         bound = numbers(sensitivity, "factor").values if "factor" in sensitivity else 1.0
         series += _ranges(sensitivity[np.isclose(bound, 1.0)])  # not the bounds that it is compared with
     tops = [finite(of).max(initial=0.0) for one in series for of in (one.y, one.high)]
     top, pitch = max(tops, default=0.0) or 1.0, min(0.05, 0.5 / max(1, len(methods)))
     for rank, (name, rows) in enumerate(methods.items()):
-        ended, height = rows[done[rows] & there[rows]], top * (1.06 + pitch * rank)
+        ended, height = rows[done[rows] & stepped[rows]], top * (1.06 + pitch * rank)
         series.append(Series(name, h[ended], np.full(len(ended), height), line=False, marks="hollow"))
-    note, heights = "" if there.any() else "no run has a fixed step", [0.0, top * (1.06 + pitch * len(methods))]
+    note, heights = "" if stepped.any() else "no run has a fixed step", [0.0, top * (1.06 + pitch * len(methods))]
     labels = column_named("dt").label, column_named("blowup_time").label
     panel = Panel(series, *labels, y_scale="linear", y_values=heights, note=note)
     return Sheet([panel], 1, (7.6, 3.3), hollow="reached the end")
@@ -146,16 +146,16 @@ class _Ends:
         causes = table["cause"] if "cause" in table else table["limit"]
         kinds = [mark_of_limit(*of) for of in zip(table["limit"], causes, strict=True)]
         self.kinds = np.where(np.isfinite(self.at.values), np.array(kinds, dtype=object), "x")
-        self.plain, found = plain, np.isfinite(plain.values)
-        self.plain_ends = found & (table["limit_plain"].ne("none").to_numpy() if "limit_plain" in table else True)
+        self.plain, ends = plain, table["limit_plain"].ne("none").to_numpy() if "limit_plain" in table else True
+        self.plain_ends = np.isfinite(plain.values) & ends
         again = table["non_monotone"].fillna(False).astype(bool) if "non_monotone" in table else self.known & False
         self.again = np.asarray(again)
 
     def marked(self, rows: Any) -> dict[str, Any]:
         """Mark -> the places of these rows that it stands at."""
-        found = {mark: self.at[rows[self.kinds[rows] == mark]] for mark in (*ENDS, ">", "x")}
-        found["_"] = self.plain[rows[self.plain_ends[rows]]]
-        return {mark: places for mark, places in found.items() if len(places)}
+        places_of = {mark: self.at[rows[self.kinds[rows] == mark]] for mark in (*ENDS, ">", "x")}
+        places_of["_"] = self.plain[rows[self.plain_ends[rows]]]
+        return {mark: places for mark, places in places_of.items() if len(places)}
 
     def row(self, name: str, rows: Any) -> Row:
         """Of a method on a scenario."""
@@ -169,15 +169,15 @@ class _Ends:
 
     def firsts(self, methods: Mapping[str, Any]) -> list[Row]:
         """Over every scenario: marks where they end, a bar to the first of them; by family, then by its length."""
-        rows, kinds, known = {}, [*FAMILIES], theme.current().families
+        rows, kinds, families = {}, [*FAMILIES], theme.current().families
         for name, all_rows in methods.items():
             mine = all_rows[self.known[all_rows]]
             ends, cap = mine[self.limited[mine]], np.fmax.reduce(self.cap[mine], initial=math.nan)
-            least = np.nan_to_num(self.stable[ends]).min(initial=math.inf)
+            nearest = np.nan_to_num(self.stable[ends]).min(initial=math.inf)
             marks = {mark: places for mark, places in self.marked(mine).items() if mark != ">" or not len(ends)}
-            family = kinds.index(known[name]) if known.get(name) in kinds else len(kinds)
-            bar = (math.nan, (least or math.nan) if len(ends) else cap)
-            rows[family, -least, name] = Row(name, marks, bar, text="" if len(ends) else f"> {cap:.2g}")
+            family = kinds.index(families[name]) if families.get(name) in kinds else len(kinds)
+            bar = (math.nan, (nearest or math.nan) if len(ends) else cap)
+            rows[family, -nearest, name] = Row(name, marks, bar, text="" if len(ends) else f"> {cap:.2g}")
         return [rows[key] for key in sorted(rows)]
 
 

@@ -70,17 +70,17 @@ def columns(ax: Axes) -> int:
 
 def settle(figure: Figure) -> bool:
     """Put the panels in their places, which names at lines ask for; whether there is room."""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         if (engine := figure.get_layout_engine()) is not None:
             engine.execute(figure)
-    return not told
+    return not caught
 
 
 def check_room(figure: Figure) -> None:
     """TooSmall where the panels cannot be read in the size that was asked for."""
-    least, there = np.array(LEAST) * scale() * figure.dpi, settle(figure)
-    if not there or any(np.any(ax.get_window_extent().size < least) for ax in figure.axes if ax.get_subplotspec()):
+    smallest, fits = np.array(LEAST) * scale() * figure.dpi, settle(figure)
+    if not fits or any(np.any(ax.get_window_extent().size < smallest) for ax in figure.axes if ax.get_subplotspec()):
         size = " x ".join(f"{length:.3g}" for length in figure.get_size_inches())
         raise TooSmall(f"{size} inches are too few for the panels of this chart: ask for more, or smaller type.")
 
@@ -131,9 +131,9 @@ def name_lines(ax: Axes, ends: Sequence[Any], beside: bool = False) -> None:
     beside : in the margin right of the axes. Else at the very ends, and moved up to stay inside of the axes.
     """
     box, tall = ax.get_window_extent(), pt(NAME) / 72 * float(ax.figure.dpi)
-    found = [(ax.transData.transform(end[:2]), *end[2:4]) for end in ends]
-    found = sorted((one for one in found if np.isfinite(one[0]).all()), key=lambda one: one[0][1])
-    places, wide = [one[0] for one in found], 0.65 * tall * max((len(one[1]) for one in found), default=0)
+    labels = [(ax.transData.transform(end[:2]), *end[2:4]) for end in ends]
+    labels = sorted((one for one in labels if np.isfinite(one[0]).all()), key=lambda one: one[0][1])
+    places, wide = [one[0] for one in labels], 0.65 * tall * max((len(one[1]) for one in labels), default=0)
     if beside:
         low, high = box.y0 + 0.02 * box.height, box.y0 + 0.98 * box.height
         heights = spread([y for _, y in places], 1.3 * tall, low, high)
@@ -145,7 +145,7 @@ def name_lines(ax: Axes, ends: Sequence[Any], beside: bool = False) -> None:
                 y += 0.3 * tall
             places[k] = (x, y)
     settings = {"xytext": (0 if beside else 4, 0), "textcoords": "offset points", **({} if beside else halo(ax))}
-    for (_, text, colour), place in zip(found, places, strict=True):
+    for (_, text, colour), place in zip(labels, places, strict=True):
         ax.annotate(
             short(text), tuple(ax.transAxes.inverted().transform(place)), xycoords="axes fraction", color=colour,
             fontsize=pt(NAME), va="center", ha="left", annotation_clip=False, **settings,
@@ -165,8 +165,8 @@ def spread(positions: Sequence[float], gap: float, low: float, high: float) -> l
         return []
     places = np.arange(len(positions)) * min(gap, (high - low) / max(1, len(positions) - 1))
     moved = isotonic_regression(np.asarray(positions) - places).x  # what is left of them need only ascend
-    found: list[float] = (np.clip(moved, low, high - places[-1]) + places).tolist()
-    return found
+    result: list[float] = (np.clip(moved, low, high - places[-1]) + places).tolist()
+    return result
 
 
 def note(ax: Axes, text: str) -> None:

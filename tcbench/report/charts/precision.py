@@ -37,15 +37,15 @@ def work_precision(table: DataFrame, x: str = "wall_time_min_s", y: Sequence[str
 
 
 def _cloud(table: DataFrame, methods: Mapping[str, Any], x: str, column: str) -> Panel:
-    done, least = np.asarray(ok(table)), -1 if column.endswith(CONSERVED) else 0
+    done, floor = np.asarray(ok(table)), -1 if column.endswith(CONSERVED) else 0
     xs, ys = numbers(table, x), numbers(table, column)
     xs.values[~(xs.values > 0)] = np.nan
     np.abs(ys.values, out=ys.values)
-    usable = done & np.isfinite(xs.values) & (ys.values > least)
+    usable = done & np.isfinite(xs.values) & (ys.values > floor)
     order = -finite(table["value"]) if "value" in table else -xs.values
     return Panel(
         lines(methods, xs, ys, usable, order, ~done), column_named(x).label, column_named(column).label,
-        y_scale="zero" if least else "log", errors=True, x_values=xs, y_values=ys[usable],
+        y_scale="zero" if floor else "log", errors=True, x_values=xs, y_values=ys[usable],
         note="" if usable.any() or not done.all() else "no completed run has a value here",
     )  # fmt: skip
 
@@ -54,8 +54,8 @@ def _errors(table: DataFrame) -> list[str]:
     """The errors of the variables that the system has, of its temperatures, and of what it conserves."""
     others = [str(c) for c in table if str(c).startswith("error_") and c not in ERRORS and c != PRODUCED]
     conserved = [str(c) for c in table if str(c).endswith(CONSERVED)]
-    least = {c: -1 if c in conserved else 0 for c in ("error", *ERRORS, *others, *conserved)}
-    return [c for c in least if c in table and (np.abs(finite(table[c])) > least[c]).any()] or ["error"]
+    floors = {c: -1 if c in conserved else 0 for c in ("error", *ERRORS, *others, *conserved)}
+    return [c for c in floors if c in table and (np.abs(finite(table[c])) > floors[c]).any()] or ["error"]
 
 
 @chart
@@ -81,8 +81,8 @@ def convergence(points: DataFrame, fits: DataFrame | None = None) -> Sheet:
     points : rows of `convergence_points`; fits : rows of `convergence`. Filled markers are in the fit, hollow ones were
     dropped (round-off, reference, too coarse), crosses failed. The number at the end of a line is its fitted order.
     """
-    there = names(points, "variable")
-    variables = [v for v in dict.fromkeys([*VARIABLES, *there]) if v in there] or ["all"]
+    measured = names(points, "variable")
+    variables = [v for v in dict.fromkeys([*VARIABLES, *measured]) if v in measured] or ["all"]
     first = None if fits is None else fits.drop_duplicates(["variable", "integrator"])
     orders = {} if first is None else first.set_index(["variable", "integrator"])["order"].to_dict()
     shown = [_slopes(points[points["variable"].astype(str) == v], orders, v) for v in variables]

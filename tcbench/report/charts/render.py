@@ -78,7 +78,7 @@ def _rest(tables: Sequence[DataFrame], methods: Sequence[str]) -> frozenset[str]
 
 def render(sheet: Sheet) -> Figure:
     """The panels of a sheet, with one legend for all of them or names at the ends of their lines."""
-    shown = [*map(told, sheet.panels or [Panel((), "", "")])]
+    shown = [*map(with_note, sheet.panels or [Panel((), "", "")])]
     figure, axes = layout.panels(len(shown), sheet.columns, _size(sheet))
     ends = []
     for ax, panel in zip(axes, shown, strict=True):
@@ -114,7 +114,7 @@ def _legend(figure: Figure, sheet: Sheet, shown: Sequence[Panel]) -> None:
     layout.legend(figure, list(dict.fromkeys(one.name for one in every if not one.plain)), extra)
 
 
-def told(panel: Panel) -> Panel:
+def with_note(panel: Panel) -> Panel:
     """The panel; one without a point, a failed run, a row or a sentence says so, instead of being blank."""
 
     def shown(values: Any, scale: str) -> Any:
@@ -139,8 +139,8 @@ def _size(sheet: Sheet) -> tuple[float, float]:
 
 def leading(panel: Panel) -> list[str]:
     """Of the methods of a panel with a rank of its own those in colour: all that were asked for, else the first."""
-    rank, known = dict(panel.rank or {}), theme.current().families
-    return [*rank] if theme.current().labels else front({name: known.get(name, "") for name in rank}, rank)
+    rank, families = dict(panel.rank or {}), theme.current().families
+    return [*rank] if theme.current().labels else front({name: families.get(name, "") for name in rank}, rank)
 
 
 def _draw(ax: Axes, panel: Panel) -> list[tuple[float, float, str, str, bool]]:
@@ -174,9 +174,9 @@ def _draw(ax: Axes, panel: Panel) -> list[tuple[float, float, str, str, bool]]:
 
 def span(panel: Panel, which: str) -> Any:
     """The numbers that an axis of a panel reaches over."""
-    given = panel.x_values if which == "x" else panel.y_values
-    if given is not None:
-        return finite(given)
+    values = panel.x_values if which == "x" else panel.y_values
+    if values is not None:
+        return finite(values)
     parts: list[Any] = [getattr(one, which) for one in panel.series]
     for row in panel.rows:
         parts += [*row.marks.values(), row.bar or (), [row.dotted]]

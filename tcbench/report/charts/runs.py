@@ -51,9 +51,9 @@ def laws(series: DataFrame, y: Sequence[str] | None = None) -> Sheet:
     y : columns, one panel each; those above by default.
     """
     lost = [c for c in map(str, series) if c.endswith("_error") and c not in LAWS]
-    told = LAWS | {c: f"{c.removesuffix('_error').replace('_', ' ')}: |I − I₀| / |I₀|" for c in lost}
-    columns = y or _measured(series, list(told)) or ["energy_error"]
-    texts = [told.get(column, column_named(column).label) for column in columns]
+    titles = LAWS | {c: f"{c.removesuffix('_error').replace('_', ' ')}: |I − I₀| / |I₀|" for c in lost}
+    columns = y or _measured(series, list(titles)) or ["energy_error"]
+    texts = [titles.get(column, column_named(column).label) for column in columns]
     return Sheet([
         Panel(lines, column_named("t").label, "", "linear", "zero", text, errors=True, largest=True)
         for text, lines in zip(texts, _lines(series, columns), strict=True)
@@ -99,8 +99,8 @@ def _band(series: DataFrame, stem: str, columns: Sequence[str]) -> Panel:
 
 def _moves(values: Any) -> bool:
     """Whether a column changes in any run: what does not is a fact, not a line."""
-    known = finite(values)
-    return bool(np.nanmax(known) - np.nanmin(known) > 1e-8 * np.nanmax(np.abs(known)))
+    column = finite(values)
+    return bool(np.nanmax(column) - np.nanmin(column) > 1e-8 * np.nanmax(np.abs(column)))
 
 
 def _lines(series: DataFrame, columns: Sequence[str], magnitudes: bool = False, **more: Any) -> list[list[Series]]:
@@ -123,13 +123,13 @@ def _failed(series: DataFrame, last: int) -> bool:
 def _runs(series: DataFrame) -> list[tuple[str, Any]]:
     """The rows of each run, in order of time; several steps of one method are several runs."""
     t, steps = numbers(series, "t").values, numbers(series, "dt").values
-    found = []
+    runs = []
     for name, rows in by_name(series).items():
         of = steps[rows]
         for step in np.unique(of):
             mine = rows[(of == step) | (np.isnan(of) & np.isnan(step))]
-            found.append((name, mine[np.argsort(t[mine], kind="stable")]))
-    return found
+            runs.append((name, mine[np.argsort(t[mine], kind="stable")]))
+    return runs
 
 
 def _measured(series: DataFrame, columns: Sequence[str]) -> list[str]:
@@ -144,17 +144,17 @@ def _numbered(series: DataFrame, stem: str) -> list[str]:
 @chart
 def four_panel(series: DataFrame) -> Sheet:
     """Energy, entropy, temperatures and logarithmic strains in time, as in the paper; without strains, variables."""
-    strains, found = _numbered(series, "strain"), _measured(series, variables(series))
-    rest = f", the first {MOST_LINES} of {len(found)}" if len(found) > MOST_LINES else ""
+    strains, moving = _numbered(series, "strain"), _measured(series, variables(series))
+    rest = f", the first {MOST_LINES} of {len(moving)}" if len(moving) > MOST_LINES else ""
     groups = {"energy E": ["energy"], "entropy S": ["entropy"], "temperatures θ": _numbered(series, "temperature")}
-    groups |= {"logarithmic strains": strains} if strains or not found else {f"variables{rest}": found[:MOST_LINES]}
+    groups |= {"logarithmic strains": strains} if strains or not moving else {f"variables{rest}": moving[:MOST_LINES]}
     shown = []
     for title, columns in groups.items():
         lines = list[Series]()
-        for column in (there := _measured(series, columns)):
+        for column in (measured := _measured(series, columns)):
             element = f"spring {column.rpartition('_')[2]}" if strains else column_named(column).label
             lines += _lines(series, [column], marks="")[0]
-            if len(there) > 1 and lines:  # said once: the methods' lines of one element are near each other
+            if len(measured) > 1 and lines:  # said once: the methods' lines of one element are near each other
                 lines[-1] = replace(lines[-1], text=element)
         room = _roomy(numbers(series, "energy").values) if columns == ["energy"] else None
         shown.append(_plain(lines, title, note="" if lines else f"no {title} in this system", y_values=room))
@@ -239,10 +239,10 @@ def equilibrium(table: DataFrame, summary: DataFrame | None = None) -> Sheet:
 def _exact(table: DataFrame, column: str, summary: DataFrame | None) -> list[Series]:
     """A line at the value of the exact equilibrium, unless it lies beyond what the runs reached."""
     exact = "exact_temperature" if column.startswith("temperature") else f"exact_{column}"
-    known = finite(() if summary is None or exact not in summary else summary[exact].dropna())[:1]
+    exact_values = finite(() if summary is None or exact not in summary else summary[exact].dropna())[:1]
     t, seen = finite(table["t"]), finite(table[column])
     room, ends = 0.25 * np.ptp(seen[np.isfinite(seen)]), (np.nanmin(t), np.nanmax(t))
-    near = [v for v in known if np.nanmin(seen) - room <= v <= np.nanmax(seen) + room]
+    near = [v for v in exact_values if np.nanmin(seen) - room <= v <= np.nanmax(seen) + room]
     return [Series("exact", ends, (v, v), marks="", text="exact", plain=True) for v in near]
 
 

@@ -77,21 +77,21 @@ def preferred(name: str) -> Look:
     return Look(colour, MARKERS[number % len(MARKERS)], DASHES[number // len(MARKERS) % len(DASHES)])
 
 
-def looks(methods: Sequence[str], known: Mapping[str, Look] | None = None) -> dict[str, Look]:
+def looks(methods: Sequence[str], fixed: Mapping[str, Look] | None = None) -> dict[str, Look]:
     """Looks that differ: as preferred, but no marker twice while one is free, and no colour twice with one dash.
 
     known : of a whole run, which its charts keep. A cycle of properties in the theme's settings is followed instead,
     in the order of the methods.
     """
     if own := list(theme.current().settings.get(theme.CYCLE, ())):
-        made = {name: (preferred(name), entry) for name, entry in zip(methods, cycle(own))}
+        entries = {name: (preferred(name), entry) for name, entry in zip(methods, cycle(own))}
         return {name: Look(of.get("color", wish.colour), of.get("marker", wish.marker), of.get("linestyle", "-"))
-                for name, (wish, of) in made.items()}  # fmt: skip
-    found = {n: FIXED[n] for n in methods if n in FIXED} | dict(known or {})
+                for name, (wish, of) in entries.items()}  # fmt: skip
+    chosen = {n: FIXED[n] for n in methods if n in FIXED} | dict(fixed or {})
     for name in methods:
-        if name in found:
+        if name in chosen:
             continue
-        wish, taken = preferred(name), list(found.values())
+        wish, taken = preferred(name), list(chosen.values())
         if "[" not in name:
             wish = wish._replace(colour=min(_from(COLOURS, wish.colour), key=[t.colour for t in taken].count))
         markers, worn = {t.marker for t in taken}, {t.marker for t in taken if t.colour == wish.colour}
@@ -99,8 +99,8 @@ def looks(methods: Sequence[str], known: Mapping[str, Look] | None = None) -> di
         free = [*(m for m in every if m not in markers), *(m for m in every if m not in worn), wish.marker]
         lines = {(t.colour, t.dash) for t in taken}
         dash = next((d for d in _from(DASHES, wish.dash) if (wish.colour, d) not in lines), wish.dash)
-        found[name] = Look(wish.colour, free[0], dash)
-    return {name: found[name] for name in methods}
+        chosen[name] = Look(wish.colour, free[0], dash)
+    return {name: chosen[name] for name in methods}
 
 
 def _from(values: Sequence[Any], first: Any) -> list[Any]:
@@ -123,26 +123,26 @@ def names(table: DataFrame, column: str = "integrator") -> list[str]:
 def by_name(table: DataFrame, column: str = "integrator") -> dict[str, NDArray[np.intp]]:
     """Each of `names`, and the places of its rows."""
     groups = table.groupby(column, sort=False).indices if column in table else {}
-    found, known = {str(name): rows for name, rows in groups.items()}, [*theme.current().labels, *KNOWN]
+    rows_of, first = {str(name): rows for name, rows in groups.items()}, [*theme.current().labels, *KNOWN]
     rest = theme.current().rest
-    order = sorted(found, key=lambda n: (n not in rest, known.index(n) if n in known else len(known), n))
-    return {name: found[name] for name in order}
+    order = sorted(rows_of, key=lambda n: (n not in rest, first.index(n) if n in first else len(first), n))
+    return {name: rows_of[name] for name in order}
 
 
 def lines(
-    methods: Mapping[str, Any], x: Slice, y: Slice, keep: Any, order: Any = None, failed: Any = None, **told: Any
+    methods: Mapping[str, Any], x: Slice, y: Slice, keep: Any, order: Any = None, failed: Any = None, **more: Any
 ) -> list[Series]:  # fmt: skip
     """A line a method: y over x in the rows to keep, by the order; crosses at the x of those that failed.
 
     methods : as of `by_name`. keep, order, failed : of each row of the table.
     """
-    found = []
+    series = []
     for name, rows in methods.items():
         mine = rows[keep[rows]]
         mine = mine if order is None else mine[np.argsort(order[mine], kind="stable")]
         crosses = () if failed is None else x[rows[failed[rows]]]
-        found.append(Series(name, x[mine], y[mine], crosses=crosses, **told))
-    return found
+        series.append(Series(name, x[mine], y[mine], crosses=crosses, **more))
+    return series
 
 
 def numbers(table: DataFrame, column: str) -> Slice:

@@ -85,8 +85,8 @@ def asked(
         raise TcbenchError(
             "methods are names, as ['tc_auto', 'tc_gauss'], not a table: give list(table['integrator'])."
         )
-    found = parse_methods(methods) if isinstance(methods, str) else methods or ()
-    labels = dict(found) if isinstance(found, Mapping) else {name: name for name in found}
+    wanted = parse_methods(methods) if isinstance(methods, str) else methods or ()
+    labels = dict(wanted) if isinstance(wanted, Mapping) else {name: name for name in wanted}
     settings = own_settings() | ({} if style is None else style_settings(style))
     if font_size is not None:
         if not SMALLEST <= font_size <= LARGEST:
@@ -107,18 +107,18 @@ def style_settings(style: str | Path | Mapping[str, Any]) -> dict[str, Any]:
     from matplotlib import style as styles
 
     library: Any = styles.library
-    given, name = isinstance(style, Mapping), "The style" if isinstance(style, Mapping) else repr(str(style))
+    is_mapping, name = isinstance(style, Mapping), "The style" if isinstance(style, Mapping) else repr(str(style))
     try:
-        found: Any = (
-            matplotlib.RcParams(style) if given else library[str(style)] if str(style) in library
+        values: Any = (
+            matplotlib.RcParams(style) if is_mapping else library[str(style)] if str(style) in library
             else matplotlib.rc_params_from_file(str(style), True, use_default_template=False)
         )  # fmt: skip
     except OSError:
-        there = ", ".join(styles.available)
-        raise TcbenchError(f"{name} is neither a file nor a style of matplotlib: {there}.") from None
+        available = ", ".join(styles.available)
+        raise TcbenchError(f"{name} is neither a file nor a style of matplotlib: {available}.") from None
     except (KeyError, ValueError) as error:
         raise TcbenchError(f"{name} is no matplotlib style: {str(error).strip()[:300]}") from None
-    settings = {k: v for k, v in found.items() if not k.startswith(("backend", "interactive", "toolbar"))}
+    settings = {k: v for k, v in values.items() if not k.startswith(("backend", "interactive", "toolbar"))}
     if not settings:
         raise TcbenchError(f"{name} sets nothing that matplotlib knows; its lines are like `font.size: 8`.")
     return settings
@@ -139,10 +139,10 @@ def parse_size(size: str | Sequence[float]) -> tuple[float, float]:
 
 def parse_methods(text: str) -> dict[str, str]:
     """ "tc_monolithic=TC,midpoint_entropy": names in order, with what to write for them."""
-    found = {}
+    labels = {}
     for item in re.split(r",(?![^\[]*\])", text):  # at commas outside brackets, where a name may have an equals sign
         name, _, label = re.fullmatch(r"((?:[^\[=]|\[[^\]]*\])*)(=?)(.*)", item).groups()  # type: ignore[union-attr]
-        found[name.strip()] = (label or name).strip()
-    if not all(found) or not all(found.values()):
+        labels[name.strip()] = (label or name).strip()
+    if not all(labels) or not all(labels.values()):
         raise TcbenchError(f"{text!r}: write the methods as NAME,NAME=LABEL,...")
-    return found
+    return labels
