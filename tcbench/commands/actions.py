@@ -20,7 +20,7 @@ from ..runner.plan import plan_job, preview
 from ..runner.rows import Store
 from ..runner.run import run
 from ..runner.tables import only, read_tables
-from ..studies.base import known_tables, studies
+from ..studies.base import studies, table_schemas
 from ..table import Table
 from . import terminal
 from .options import LATEST, words
@@ -221,7 +221,7 @@ def show_command(
         raise TcbenchError(f"The table {table!r} of this run has no row of {', '.join((*scenarios, *integrators))}.")
     if table is not None:
         tables = {table: tables[table]}
-    known = known_tables(store.declared())
+    known = table_schemas(store.declared())
     if latex and table is not None:
         from ..report.latex import to_latex
 

@@ -13,7 +13,7 @@ import rich.table
 from rich.console import Console
 
 from ..errors import visible
-from ..studies.base import known_tables
+from ..studies.base import table_schemas
 from ..studies.columns import column, shown_columns
 from ..studies.conservation import CONSERVATION
 from ..table import Table
@@ -242,7 +242,7 @@ def print_results(
     unseen : those of the remarks that the rows do not show. declared : what the folder says of its tables.
     """
     summary = results.summary
-    small, known = results.tables.get("conservation"), known_tables(declared)
+    small, known = results.tables.get("conservation"), table_schemas(declared)
     short = {name for name in results.tables if not is_long(name, known)}
     if small is not None and len(small) <= WHOLE and short == {"conservation"}:
         for scenario, part in small.groupby("scenario", sort=False):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..chart import Chart, Panel, Row, Series, sheet_of
 from ..errors import TcbenchError, blamed
-from ..studies.base import known_tables
+from ..studies.base import table_schemas
 from ..studies.columns import column
 from ..table import Table
 from .charts import theme
@@ -34,7 +34,7 @@ def panels_of(
 
     problems : sentences on charts of plugins that cannot be drawn are appended.
     """
-    content, schemas = {}, known_tables(declared)
+    content, schemas = {}, table_schemas(declared)
     indexed = {name: table.reset_index(drop=True) for name, table in tables.items()}
     parts = cache(lambda name: {str(scenario): rows for scenario, rows in indexed[name].groupby("scenario")})
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..runner.declared import RATES
 from ..runner.rows import Store
 from ..runner.tables import read_tables
-from ..studies.base import known_tables
+from ..studies.base import table_schemas
 from ..studies.columns import column
 from .page_data import names
 from .pairs import PAIR, timed_steps, to_numbers
@@ -49,7 +49,7 @@ def together(
         shared = taken["integrator"].intersection(names(theirs, "integrator"))
         renamed = {kind: {n: _of_run(n, label) for n in of} for kind, of in zip(PAIR, (shared, changed), strict=True)}
         factor, why = _yardstick({name: of[0] for name, of in every.items()}, theirs, store, run, label, changed)
-        schemas = known_tables(more)
+        schemas = table_schemas(more)
         for name, table in theirs.items():
             if name not in every or "integrator" in table:
                 own = (schemas[name],) if name in schemas else ()

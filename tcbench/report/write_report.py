@@ -13,7 +13,7 @@ from ..files import replacing
 from ..runner.rows import Store
 from ..runner.tables import read_tables
 from ..simulation.series import ROW, variables
-from ..studies.base import known_tables
+from ..studies.base import table_schemas
 from ..studies.columns import column
 from ..studies.work_precision import SPENT_S
 from ..table import Table
@@ -86,7 +86,7 @@ def _content(store: Store, tables: dict[str, DataFrame], declared: Mapping[str, 
     manifest, results, scenarios = store.manifest(), pairs(tables, declared), names(tables, "scenario")
     rows = methods(results, tables, declared)
     charts = panels_of(kinds().values(), tables, declared, store.problems)
-    schemas = {name: Table(name) for name in tables} | known_tables(declared)
+    schemas = {name: Table(name) for name in tables} | table_schemas(declared)
     columns = {name: [column(str(c), schemas[name]) for c in table.columns] for name, table in tables.items()}
     data = {
         "families": FAMILIES, "methods": rows, "scenarios": scenarios, "declared": _named(declared, tables),

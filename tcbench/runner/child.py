@@ -23,8 +23,8 @@ from .codec import to_json
 
 # the path comes first: tcbench itself may be on it, and -P keeps a json.py of the current folder from being run
 START = (
-    "import sys, json; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
-    "from tcbench.runner.worker import main; main(told['settings'])"
+    "import sys, json; launch = json.loads(sys.argv[1]); sys.path[:] = launch['path']; "
+    "from tcbench.runner.worker import main; main(launch['settings'])"
 )
 FLAGS = {"dont_write_bytecode": "-B", "optimize": "-O", "no_user_site": "-s", "ignore_environment": "-E"}
 # Cells run side by side, one a core: threads inside them would only get in each other's way and blur timings.
@@ -43,7 +43,7 @@ class Child:
 
     def __init__(self, heard: Callable[[Child, bytes | None], None], settings: Path, output: IO[bytes]) -> None:
         path = [os.fspath(p) or os.getcwd() for p in sys.path]
-        told = json.dumps({"path": path, "settings": os.fspath(settings)})
+        launch = json.dumps({"path": path, "settings": os.fspath(settings)})
         flags = [flag for name, flag in FLAGS.items() for _ in range(int(getattr(sys.flags, name)))]
         flags += ["-B"] if sys.dont_write_bytecode and "-B" not in flags else []
         group: dict[str, Any] = {"process_group": 0}  # Ctrl-C is the parent's, who ends this one
@@ -51,7 +51,7 @@ class Child:
             group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}  # type: ignore[attr-defined]
         self._heard = heard
         self.process = subprocess.Popen(
-            [sys.executable, *flags, "-P", "-c", START, told], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, *flags, "-P", "-c", START, launch], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=output, env=dict.fromkeys(ONE_THREAD, "1") | os.environ, **group,
         )  # fmt: skip
         threading.Thread(target=self._listen, name="tcbench-child", daemon=True).start()
@@ -90,12 +90,12 @@ class Child:
 
 def descendants(pid: int) -> list[int]:
     """The processes that a process has started, and those that these have (on Linux; elsewhere none are seen)."""
-    found: list[int] = []
+    pids: list[int] = []
     for path in Path(f"/proc/{pid}/task").glob("*/children"):
         with contextlib.suppress(OSError):
             own = list(map(int, path.read_text().split()))
-            found += own + [each for one in own for each in descendants(one)]
-    return found
+            pids += own + [each for one in own for each in descendants(one)]
+    return pids
 
 
 def how_it_died(code: int | None) -> str:

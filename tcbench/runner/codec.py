@@ -97,13 +97,13 @@ def unpack(value: Any) -> Any:
     """The inverse of `pack`: lists and numbers."""
     if isinstance(value, dict):
         if PACKED in value and len(value) == 1:
-            found = value[PACKED]
-            if isinstance(found, list):
-                return {k: unpack(v) for k, v in found}
-            if len(found) <= 4:
-                return float(found)
+            content = value[PACKED]
+            if isinstance(content, list):
+                return {k: unpack(v) for k, v in content}
+            if len(content) <= 4:
+                return float(content)
             numbers = array("d")
-            numbers.frombytes(b64decode(found, validate=True))
+            numbers.frombytes(b64decode(content, validate=True))
             if sys.byteorder == "big":
                 numbers.byteswap()
             return numbers.tolist()
@@ -120,8 +120,8 @@ def encode_line(
     key: str, row: Mapping[str, Any] | bytes, cell: Mapping[str, Any], provenance: str = "", made_by: str = ""
 ) -> bytes:
     """A line of `cells.jsonl`; a row that a worker has encoded is written as it is."""
-    told = to_json({"key": key, "made_by": made_by, "provenance": provenance, "cell": cell})
-    content = told[1:-1] + b',"row":' + (row if isinstance(row, bytes) else row_bytes(row)) + b"}\n"
+    head = to_json({"key": key, "made_by": made_by, "provenance": provenance, "cell": cell})
+    content = head[1:-1] + b',"row":' + (row if isinstance(row, bytes) else row_bytes(row)) + b"}\n"
     return HEAD % zlib.crc32(content) + content
 
 

@@ -13,7 +13,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import ChangedError, TcbenchError, expect
-from ..studies.base import known_tables
+from ..studies.base import table_schemas
 from ..studies.columns import column
 from ..table import Column, Table
 from .codec import canonical_json, flat
@@ -74,8 +74,8 @@ def compare(
 
     expect("compare", locals(), {"run_a": "a path", "run_b": "a path"})
     stores, problems = (Store.read(run_a), Store.read(run_b)), list[str]()
-    told_of = merged(*(store.declared() for store in stores))
-    schemas = known_tables(told_of)
+    declared = merged(*(store.declared() for store in stores))
+    schemas = table_schemas(declared)
     before, after = (_rows(store, schemas, problems) for store in stores)
     if not before.keys() & after.keys():
         held = ", and ".join(_held(side) for side in (before, after))
@@ -84,20 +84,20 @@ def compare(
             " Run the same methods, scenarios and studies into both."
         )
     common = before.keys() & after.keys()
-    known = [{(p.study, name) for p in common for name in side[p]} for side in (before, after)]
-    absent = known[0] ^ known[1]  # columns that another version has: no run has changed by them
-    found = [*_one_sided(before, after, schemas)]
+    columns = [{(p.study, name) for p in common for name in side[p]} for side in (before, after)]
+    absent = columns[0] ^ columns[1]  # columns that another version has: no run has changed by them
+    entries = [*_one_sided(before, after, schemas)]
     timings = not other_machine(*stores)
     for place in (place for place in before if place in common):
         schema = schemas.get(place.study, Table(place.study))
         names = [n for n in {**before[place], **after[place]} if (place.study, n) not in absent]
         values = [(column(n, schema), before[place].get(n), after[place].get(n)) for n in names]
-        found += _changes(place, values)
+        entries += _changes(place, values)
         if timings and schema.timed:
-            found += _time(place, values)
-    told = {(p.study, n) for p in common for side in (before, after) for n, v in side[p].items() if _given(v)}
-    alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & told)]
-    changes = pandas.DataFrame(found, columns=list(COLUMNS))
+            entries += _time(place, values)
+    filled = {(p.study, n) for p in common for side in (before, after) for n, v in side[p].items() if _given(v)}
+    alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & filled)]
+    changes = pandas.DataFrame(entries, columns=list(COLUMNS))
     changes.attrs["problems"] = [*stores[0].problems, *stores[1].problems, *problems, *alone]
     return changes
 
@@ -131,8 +131,8 @@ def in_both(changes: DataFrame) -> DataFrame:
 
 def one_sided(changes: DataFrame) -> DataFrame:
     """How many rows one of the runs has alone, by method and study: "missing" from the second, or "new" in it."""
-    found = changes[changes["kind"].isin(ONE_SIDED)]
-    counted = found.assign(rows=found["before"].fillna(found["after"]).astype(float))
+    rows = changes[changes["kind"].isin(ONE_SIDED)]
+    counted = rows.assign(rows=rows["before"].fillna(rows["after"]).astype(float))
     by = counted.groupby(["kind", "integrator", "study"], as_index=False)
     table: DataFrame = by.agg(scenarios=("scenario", "nunique"), rows=("rows", "sum"))
     return table
@@ -140,21 +140,21 @@ def one_sided(changes: DataFrame) -> DataFrame:
 
 def _rows(store: Store, schemas: Mapping[str, Table], problems: list[str]) -> dict[Place, Row]:
     """The rows of a run's tables; those that nothing tells apart, and what was not measured, cost a sentence."""
-    found: list[tuple[Place, Row]] = []
+    rows: list[tuple[Place, Row]] = []
     for name, frame in read_tables(store).items():
         schema = schemas.get(name, Table(name))
         if not schema.derived:
-            found += [_placed(schema, record) for record in flat(frame).to_dict("records")]
-    if not found:
+            rows += [_placed(schema, record) for record in flat(frame).to_dict("records")]
+    if not rows:
         raise TcbenchError(f"The run in {store.folder} has no rows to compare. Run it first.")
-    if edited := [place for place, row in found if row.get("exception_type") == ChangedError.__name__]:
+    if edited := [place for place, row in rows if row.get("exception_type") == ChangedError.__name__]:
         problems.append(f"{len(edited)} rows of {store.folder} were not measured, and are not compared.")
-    times = Counter(place for place, _ in found)
-    for name, count in Counter(place.study for place, _ in found if times[place] > 1).items():
+    times = Counter(place for place, _ in rows)
+    for name, count in Counter(place.study for place, _ in rows if times[place] > 1).items():
         problems.append(
             f"{count} rows of the table {name} in {store.folder} cannot be told apart and are not compared."
         )
-    return {place: row for place, row in found if times[place] == 1 and place not in set(edited)}
+    return {place: row for place, row in rows if times[place] == 1 and place not in set(edited)}
 
 
 def _placed(schema: Table, record: Mapping[Any, Any]) -> tuple[Place, Row]:
@@ -182,9 +182,11 @@ def _held(rows: Mapping[Place, Row]) -> str:
 def _one_sided(before: Mapping[Place, Row], after: Mapping[Place, Row], schemas: Mapping[str, Table]) -> Iterator[Row]:
     """Counted; how far a timed ladder of a pair goes depends on the time, and is told of no pair that both have."""
     for kind, own, other in zip(ONE_SIDED, (before, after), (after, before), strict=True):
-        there = {place[:3] for place in other}
+        others = {place[:3] for place in other}
         alone = [p for p in own if p not in other]
-        counts = Counter(p[:3] for p in alone if not (p[:3] in there and p.study in schemas and schemas[p.study].timed))
+        counts = Counter(
+            p[:3] for p in alone if not (p[:3] in others and p.study in schemas and schemas[p.study].timed)
+        )
         for names, count in counts.items():
             sides = (count, None) if kind == "missing" else (None, count)
             yield _entry(Place(*names, "{}"), kind, "rows", *sides)
@@ -198,12 +200,12 @@ def _changes(place: Place, values: Values) -> list[Row]:
     old, new = next(((a, b) for one, a, b in values if one.name == "status"), ("ok", "ok"))
     if old != new and _given(old) and _given(new):
         return [_entry(place, "status", "status", old, new, worse=old == "ok")]
-    found = []
+    entries = []
     for one, a, b in values:
         if one.compared and not one.timing and one.name != "status" and (difference := _difference(a, b)) > NOISE:
             relative = math.nan if math.isinf(difference) else difference
-            found.append(_entry(place, "value", one.name, a, b, relative, NOISE, _worse(one, a, b)))
-    return found
+            entries.append(_entry(place, "value", one.name, a, b, relative, NOISE, _worse(one, a, b)))
+    return entries
 
 
 def _time(place: Place, values: Values) -> list[Row]:
@@ -236,14 +238,14 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _worse(known: Column, a: Any, b: Any) -> bool:
-    if known.good:
-        return a in known.good and b not in known.good
+def _worse(schema: Column, a: Any, b: Any) -> bool:
+    if schema.good:
+        return a in schema.good and b not in schema.good
     numbers = [_is_number(v) and not math.isnan(v) for v in (a, b)]
     if all(numbers):
-        larger = known.worse == "larger" and abs(b) > abs(a)
-        return bool(larger or (known.worse == "higher" and b > a) or (known.worse == "lower" and b < a))
-    return bool(known.worse) and numbers[0]  # a number became NaN or nothing
+        larger = schema.worse == "larger" and abs(b) > abs(a)
+        return bool(larger or (schema.worse == "higher" and b > a) or (schema.worse == "lower" and b < a))
+    return bool(schema.worse) and numbers[0]  # a number became NaN or nothing
 
 
 def _entry(

@@ -78,8 +78,8 @@ def run_share(job: bytes) -> tuple[dict[str, Any], list[tuple[str, bytes]]]:
 
     data, rows = from_json(job), Rows()
     run_cells((Cell(**cell) for cell in data["cells"]), data["measure"], data["context"], rows, **data["limits"])
-    found = [(key, row_bytes(row | {"worker_host_cpu": cpu_model()})) for key, row in rows.rows().items()]
-    return provenance(command=[]), found
+    encoded = [(key, row_bytes(row | {"worker_host_cpu": cpu_model()})) for key, row in rows.rows().items()]
+    return provenance(command=[]), encoded
 
 
 def _receive(
@@ -88,10 +88,10 @@ def _receive(
     """Write the rows of a share that has come back; returns what is to be sent again."""
     if future.status == "finished":
         origin, rows = future.result()
-        known = ledger.store.add_provenance(origin, default=False) if isinstance(ledger.store, Store) else None
+        provenance_id = ledger.store.add_provenance(origin, default=False) if isinstance(ledger.store, Store) else None
         cells = {cell.key: cell for cell in share}
         for key, row in rows:
-            ledger.write(cells[key], row, running, known)
+            ledger.write(cells[key], row, running, provenance_id)
         return []
     problem = future.exception() if future.status == "error" else None
     text = f"{type(problem).__name__}: {problem}" if problem else str(future.status)
@@ -142,10 +142,10 @@ def _connect(address: str, security: Mapping[str, Any] | None) -> Client:
 
 def knock(address: str) -> None:
     """Raise TcbenchError unless somebody listens there: a `Client` that does not get through keeps its threads."""
-    found = re.fullmatch(r"(tcp|tls|ws|wss)://(?P<host>\[[^\]]+\]|[^:/\[\]]+):(?P<port>\d{1,5})", str(address))
-    if found is None:
+    match = re.fullmatch(r"(tcp|tls|ws|wss)://(?P<host>\[[^\]]+\]|[^:/\[\]]+):(?P<port>\d{1,5})", str(address))
+    if match is None:
         raise TcbenchError(f"{address!r} is no address of a Dask scheduler, such as tcp://host:8786. {REMEDY}")
     try:
-        socket.create_connection((found["host"].strip("[]"), int(found["port"])), CONNECT_LIMIT_S).close()
+        socket.create_connection((match["host"].strip("[]"), int(match["port"])), CONNECT_LIMIT_S).close()
     except (OSError, OverflowError) as error:
         raise TcbenchError(f"No Dask scheduler answers at {address} ({error}). {REMEDY}") from error

@@ -128,5 +128,5 @@ def rates(scenario: Scenario) -> list[float] | None:
 def merged(earlier: Mapping[str, Any], later: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What a folder says after another run into it: names of both, the later word on each."""
     parts = ("integrators", "scenarios", "metrics", "tables", "absent")
-    told = [{k: v for k, v in run.items() if isinstance(v, Mapping)} for run in (earlier, later)]
-    return {key: {**told[0].get(key, {}), **told[1].get(key, {})} for key in parts}
+    first = [{k: v for k, v in run.items() if isinstance(v, Mapping)} for run in (earlier, later)]
+    return {key: {**first[0].get(key, {}), **first[1].get(key, {})} for key in parts}

@@ -19,22 +19,22 @@ class Remaining:
     def __init__(self, cells: Iterable[Cell], jobs: int, earlier: Iterable[Mapping[str, Any]] = ()) -> None:
         """earlier : lines of the store, whose rows tell what cells took in runs before."""
         self._left = Counter((cell.study, cell.integrator, cell.timed) for cell in cells)
-        self._jobs, self._told, self._at = jobs, None, time.monotonic()  # type: int, float | None, float
+        self._jobs, self._estimate, self._at = jobs, None, time.monotonic()  # type: int, float | None, float
         self._times: dict[tuple[str, ...], tuple[float, int]] = {}  # sum and count
         for line in earlier:
             if line["cell"]:
                 self._learn(str(line["cell"].get("study")), str(line["cell"].get("integrator")), line["row"])
-        self._told = self._sum()
+        self._estimate = self._sum()
 
     def finished(self, cell: Cell, row: Mapping[str, Any]) -> None:
         """A cell has ended with this row."""
         self._left[cell.study, cell.integrator, cell.timed] -= 1
         self._learn(cell.study, cell.integrator, row)
-        self._told, self._at = self._sum(), time.monotonic()
+        self._estimate, self._at = self._sum(), time.monotonic()
 
     def seconds(self) -> float | None:
         """Seconds still to go; None without ground for a number, and when the time that was told is over."""
-        left = None if self._told is None else self._told - (time.monotonic() - self._at)
+        left = None if self._estimate is None else self._estimate - (time.monotonic() - self._at)
         return left if left is not None and left > 0 else None
 
     def _learn(self, study: str, integrator: str, row: Mapping[str, Any]) -> None:

@@ -36,7 +36,7 @@ ENVIRONMENT, RUN = "pyvenv.cfg", "cells.jsonl"  # files that tell that a folder 
 OF_A_RUN = re.compile(r"cells\..*jsonl|(manifest|declared)\.json|summary\.csv|tables|provenance")
 MANY, LARGE = 2000, 2**24  # files of a folder, bytes of a file, beyond which size and time count, not the content
 NO_NUMBERS = frozenset({"authoring", "cli.py", "commands", "progress.py", "report", "__main__.py"})  # of tcbench
-TOLD = ("TCBENCH_PLAIN", "TCBENCH_TARGET")  # variables that change digits
+VARIABLES = ("TCBENCH_PLAIN", "TCBENCH_TARGET")  # of the environment, which change digits
 
 
 def made_by(method: Integrator, scenario: Scenario, study: Study, system: Mapping[str, Any] | None = None) -> str:
@@ -56,8 +56,8 @@ def made_by(method: Integrator, scenario: Scenario, study: Study, system: Mappin
 
 def forget() -> None:
     """Look at every file again."""
-    for known in (tcbench_mark, folder_mark, plugin_mark):
-        known.cache_clear()
+    for hashed in (tcbench_mark, folder_mark, plugin_mark):
+        hashed.cache_clear()
 
 
 def _marks(labels: Iterable[str]) -> list[str]:
@@ -67,12 +67,12 @@ def _marks(labels: Iterable[str]) -> list[str]:
 @cache
 def tcbench_mark() -> str:
     """tcbench, its own plugins, the packages under them, Python."""
-    found: dict[str, Any] = {"python": list(sys.version_info[:2]), "packages": versions(NUMERICAL_PACKAGES)}
-    found |= {"cpu": platform.machine(), "told": {name: os.environ[name] for name in TOLD if name in os.environ}}
+    parts: dict[str, Any] = {"python": list(sys.version_info[:2]), "packages": versions(NUMERICAL_PACKAGES)}
+    parts |= {"cpu": platform.machine(), "told": {name: os.environ[name] for name in VARIABLES if name in os.environ}}
     for name in ("tcbench", "tcbench_plugins"):
         folder = Path(sys.modules[name].__file__ or "").parent if name in sys.modules else None
-        found[name] = folder and folder_mark(str(folder), NO_NUMBERS)
-    return digest(found)[:12]
+        parts[name] = folder and folder_mark(str(folder), NO_NUMBERS)
+    return digest(parts)[:12]
 
 
 @cache
@@ -83,9 +83,9 @@ def plugin_mark(label: str) -> str:
     if not (origin.distribution and is_installed(origin.path)):
         return folder_mark(str(plugin_folder(label)))
     try:
-        there = distribution(origin.distribution)
-        record = [r for r in (there.read_text("RECORD") or "").splitlines() if "/bin/" not in r]
-        required = versions(re.split(r"[^\w.-]", text)[0] for text in there.requires or [])
+        installed = distribution(origin.distribution)
+        record = [r for r in (installed.read_text("RECORD") or "").splitlines() if "/bin/" not in r]
+        required = versions(re.split(r"[^\w.-]", text)[0] for text in installed.requires or [])
     except PackageNotFoundError:
         record, required = [], {}
     return f"{origin.distribution} {origin.version} {digest([record, required])}"
@@ -108,10 +108,10 @@ def plugin_folder(label: str) -> Path:
 @cache
 def folder_mark(folder: str, without: frozenset[str] = frozenset()) -> str:
     """Names and contents of what a folder has; without the runs, environments and pictures that lie in it."""
-    found, paths = hashlib.sha256(), [*_inside(Path(folder), without)]
+    sha, paths = hashlib.sha256(), [*_inside(Path(folder), without)]
     for path in paths:
-        found.update(f"{path.relative_to(folder).as_posix()}\0{_file_mark(path, len(paths) > MANY)}\0".encode())
-    return found.hexdigest()[:16]
+        sha.update(f"{path.relative_to(folder).as_posix()}\0{_file_mark(path, len(paths) > MANY)}\0".encode())
+    return sha.hexdigest()[:16]
 
 
 def _inside(folder: Path, without: frozenset[str] = frozenset()) -> Iterator[Path]:
@@ -148,8 +148,8 @@ def _file_mark(path: Path, by_time: bool = False) -> str:
 def _files(method: Integrator) -> Iterator[tuple[str, str]]:
     """What `uses` names beside methods and plugins: files and folders, by their path from the plugin's own."""
     registry = plugins.registry()
-    known = registry.origins.keys() | registry.integrators.keys()
+    names = registry.origins.keys() | registry.integrators.keys()
     for name in method.uses:
-        if name not in known and "[" not in name and method.plugin in registry.origins:
+        if name not in names and "[" not in name and method.plugin in registry.origins:
             path = Path(registry.origins[method.plugin].path).parent / name
             yield name, folder_mark(str(path)) if path.is_dir() else _file_mark(path)

@@ -47,10 +47,10 @@ class Summary:
 
 
 def plan(
-    cells: Iterable[Cell], store: Rows, retry_failed: bool = False, made: Mapping[str, str] | None = None,
+    cells: Iterable[Cell], store: Rows, retry_failed: bool = False, made_by: Mapping[str, str] | None = None,
     here: Collection[str] = (), machine: str = "",
 ) -> tuple[list[Cell], Summary]:  # fmt: skip
-    """Which cells would run, and what is known of the run before it. made : by key what they would be made by.
+    """Which cells would run, and what is known of the run before it. made_by : by key what they would be made by.
 
     A final row is used again if it was made by the same, and on the same `machine` if it is a timing. Cells whose keys
     are in `here` are measured each time. Duplicate cells count once.
@@ -59,7 +59,7 @@ def plan(
 
     def is_kept(cell: Cell) -> bool:
         line = store.line(cell.key)
-        if line is None or cell.key in here or line["made_by"] != (made or {}).get(cell.key, ""):
+        if line is None or cell.key in here or line["made_by"] != (made_by or {}).get(cell.key, ""):
             return False
         row = line["row"]
         final = row.get("status") == "ok" if retry_failed else is_finished(row)
@@ -71,26 +71,26 @@ def plan(
 
 @dataclass
 class Ledger:
-    """Where the rows of a run go: each is written, counted and shown. made : by key what they are made by."""
+    """Where the rows of a run go: each is written, counted and shown. made_by : by key what they are made by."""
 
     store: Rows
     summary: Summary
     on_event: Callable[[Event], None] | None
     total: int
-    made: Mapping[str, str] = field(default_factory=dict)
+    made_by: Mapping[str, str] = field(default_factory=dict)
 
     def start(self, cell: Cell, running: int) -> None:
         self._tell("started", cell, None, running)
 
     def write(self, cell: Cell, row: bytes, running: int, provenance: str | None = None) -> None:
         """Write the row of a cell; `TcbenchError` when that is not possible."""
-        self.store.append(cell.key, row, cell.as_dict(), provenance, self.made.get(cell.key, ""))
-        found = self.store.line(cell.key)
-        assert found is not None
-        status = str(found["row"].get("status"))
+        self.store.append(cell.key, row, cell.as_dict(), provenance, self.made_by.get(cell.key, ""))
+        line = self.store.line(cell.key)
+        assert line is not None
+        status = str(line["row"].get("status"))
         self.summary.run += 1
         self.summary.statuses[status] += 1
-        self._tell("finished" if status == "ok" else "failed", cell, found["row"], running)
+        self._tell("finished" if status == "ok" else "failed", cell, line["row"], running)
 
     def _tell(self, kind: str, cell: Cell, row: Mapping[str, Any] | None, running: int) -> None:
         if self.on_event is not None:

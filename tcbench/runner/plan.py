@@ -50,8 +50,8 @@ class Job:
 
     here : by key, cells of what workers cannot look up (objects of a notebook), measured in this process.
     left_out : why methods that were asked for by name are in none of a study's cells. notes : absent peers, steps that
-    do not apply, plugins that were not loaded. packages : that the methods require. told : what methods and scenarios
-    say of themselves.
+    do not apply, plugins that were not loaded. packages : that the methods require. declared : what methods and
+    scenarios say of themselves.
     """
 
     cells: list[Cell]
@@ -61,7 +61,7 @@ class Job:
     left_out: Sequence[str] = ()
     notes: Sequence[str] = ()
     packages: Sequence[str] = ()
-    told: Callable[[], Mapping[str, Any]] = dict
+    declared: Callable[[], Mapping[str, Any]] = dict
 
 
 class _Options(UserDict[str, Any]):
@@ -77,9 +77,9 @@ class _Options(UserDict[str, Any]):
         self.asked.add(str(name))
         return super().__contains__(name)
 
-    def __init__(self, given: Mapping[str, Any]) -> None:
+    def __init__(self, options: Mapping[str, Any]) -> None:
         self.asked = set()
-        super().__init__(given)
+        super().__init__(options)
 
     @contextmanager
     def asked_by(self) -> Iterator[set[str]]:
@@ -121,28 +121,28 @@ def plan_job(
     if len({s.name for s in selected}) < len(selected):
         raise TcbenchError("Two scenarios of one run have the same name; give variants a name: replace(name=...).")
     settings = _Options({"dt": _checked_steps(None if dt is None else list(dt), selected), **(options or {})})
-    found, own_steps = _Cells(selected), list[str]()
+    cells, own_steps = _Cells(selected), list[str]()
     for study in chosen:
         with settings.asked_by() as asked:
             planned = study.planned(methods, _of_study(study, selected, named), settings)
         own_steps += [study.name] if dt and planned and "dt" not in asked else []
         for method, scenario, cell_options in planned:
             if not method.suits(scenario.model):
-                found.add(study, method, scenario, cell_options)
+                cells.add(study, method, scenario, cell_options)
     settings.check(options or {})
     left_out: list[str] = []
     if integrators is not None:
-        left_out += [*_left_out(methods, chosen, selected, found.seen, by_study), *_unsuited(methods, selected)]
-    if not found.cells:
+        left_out += [*_left_out(methods, chosen, selected, cells.seen, by_study), *_unsuited(methods, selected)]
+    if not cells.cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
         )
     absent = {name: m.lacks for name, m in registry.integrators.items() if m.lacks}
     notes = [*_not_run(absent if integrators is None else {}, methods, dt, own_steps), *plugins.not_loaded()]
-    notes += sorted(_no_laws(methods, [*found.used.values()]))
+    notes += sorted(_no_laws(methods, [*cells.used.values()]))
     packages = sorted({name for method in methods for name in method.requires})
     return Job(
-        list(found.cells.values()), found.context([s.name for s in chosen if s.fresh]), chosen, found.here, left_out,
+        list(cells.cells.values()), cells.context([s.name for s in chosen if s.fresh]), chosen, cells.here, left_out,
         notes, packages, lambda: declared(methods, selected, absent, chosen),
     )  # fmt: skip
 
@@ -156,7 +156,7 @@ class _Cells:
         self.used = {s.name: s for s in selected}
         self.seen: set[tuple[str, str]] = set()  # method and study
         self._needs: dict[str, set[str]] = {}
-        self._made: dict[str, str] = {}
+        self._made_by: dict[str, str] = {}
         self._pairs: dict[tuple[str, str, str], str] = {}
         self._custom: dict[str, dict[str, Any] | None] = {}  # by scenario: of what no plugin brings
         self._by_name: dict[str, bool] = {}
@@ -182,21 +182,21 @@ class _Cells:
             metrics = [m.plugin for m in plugins.metrics().values()] if study.metrics else []
             self._needs.setdefault(method.name, set()).update(plugins.needs(*own, *metrics))
         drawn = f"+{digest(study.drawn(scenario, options))[:12]}" if study.drawn else ""
-        self._made[cell.key] = "session" if cell.key in self.here else self._pairs[pair] + drawn  # never used again
+        self._made_by[cell.key] = "session" if cell.key in self.here else self._pairs[pair] + drawn  # never used again
 
     def context(self, fresh: list[str]) -> Context:
         named = {name: brought(labels) for name, labels in self._needs.items() if labels}
         custom = {name: data for name, data in self._custom.items() if data}
         return Context(
-            folders=[str(folder) for folder in plugins.plugin_folders()], brought_by=named, made_by=self._made,
+            folders=[str(folder) for folder in plugins.plugin_folders()], brought_by=named, made_by=self._made_by,
             scenarios=custom, fresh=fresh,
         )  # fmt: skip
 
 
 def brought(labels: Iterable[str]) -> list[tuple[str, str, str]]:
     """Name, distribution and path of the plugins of these labels, as `plugins.use_only` takes them."""
-    found = map(plugins.registry().origins.get, labels)
-    return [(o.name, o.distribution, o.path if not o.distribution else "") for o in found if o]
+    origins = map(plugins.registry().origins.get, labels)
+    return [(o.name, o.distribution, o.path if not o.distribution else "") for o in origins if o]
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any] | None:
@@ -267,12 +267,14 @@ def _not_run(
 def _no_laws(methods: Sequence[Integrator], used: Sequence[Scenario]) -> Iterator[str]:
     """Sentences on claims of what no system has: misspelt, they would not be judged, as if nothing were claimed."""
     for method in methods:
-        found = set(method.claims) - {"energy", "entropy"}
+        claims = set(method.claims) - {"energy", "entropy"}
         for scenario in (*used, *plugins.registry().scenarios.values()):
-            if not found:
+            if not claims:
                 break
-            found -= set(scenario.model.invariant_names)
-        yield from (f"{method.name} claims {claim!r}, which no system has: tcbench check says more." for claim in found)
+            claims -= set(scenario.model.invariant_names)
+        yield from (
+            f"{method.name} claims {claim!r}, which no system has: tcbench check says more." for claim in claims
+        )
 
 
 def _unsuited(methods: Sequence[Integrator], scenarios: Sequence[Scenario]) -> Iterator[str]:
@@ -329,7 +331,7 @@ def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = Fal
     check_limits(*(limits[name] for name in ("jobs", "timeout", "memory_limit")))
     could_write(output)
     store = Store.read(output) if (output / ROWS).exists() else Rows()
-    rows, made = Rows() if fresh else store, job.context["made_by"]
-    to_run, found = plan(job.cells, rows, limits["retry_failed"], made, job.here, machine_name())
+    rows, made_by = Rows() if fresh else store, job.context["made_by"]
+    to_run, summary = plan(job.cells, rows, limits["retry_failed"], made_by, job.here, machine_name())
     cores = limits["jobs"] or usable_cores()
-    return found, Remaining(to_run, cores, store.raw()).seconds() if to_run else 0.0
+    return summary, Remaining(to_run, cores, store.raw()).seconds() if to_run else 0.0

@@ -80,8 +80,8 @@ class Rows:
     ) -> None:
         """Keep the row of a cell; an earlier row of the same key is replaced. row : bytes of one that is encoded."""
         content = row if isinstance(row, bytes) else row_bytes(row)
-        told = {"key": key, "made_by": made_by, "provenance": provenance or "", "cell": dict(cell)}
-        self._keep(told | {"row": orjson.loads(content)})
+        head = {"key": key, "made_by": made_by, "provenance": provenance or "", "cell": dict(cell)}
+        self._keep(head | {"row": orjson.loads(content)})
 
     def _keep(self, line: dict[str, Any]) -> None:
         self._lines.pop(line["key"], None)
@@ -96,12 +96,8 @@ class Rows:
         return {key: unpack(line["row"]) for key, line in self._lines.items()}
 
     def raw(self) -> list[dict[str, Any]]:
-        """The latest line of each key, in the order of their writing; rows packed."""
+        """The latest line (key, made_by, provenance, cell, row) of each key, in the order of writing; rows packed."""
         return [*self._lines.values()]
-
-    def lines(self) -> list[dict[str, Any]]:
-        """The latest line of each key: key, made_by, provenance, cell, row."""
-        return [line | {"row": unpack(line["row"])} for line in self._lines.values()]
 
     def records(self, study: str | None = None, keys: Iterable[str] | None = None) -> list[dict[str, Any]]:
         """Flat dicts for tables: study, integrator, scenario, the options, the row, and the key.
@@ -360,8 +356,8 @@ class Store(Rows):
         except (OSError, ValueError, TypeError, RecursionError) as error:
             self.problems.append(f"{path} cannot be read: {error}.")
             return {}
-        told: list[str] = []
-        found = shapes.fitting(data, kinds, told)
-        if told:
-            self.problems.append(f"{path}: {', '.join(told[:3])} is not what tcbench writes, and is left out.")
-        return found
+        misfits: list[str] = []
+        fitting = shapes.fitting(data, kinds, misfits)
+        if misfits:
+            self.problems.append(f"{path}: {', '.join(misfits[:3])} is not what tcbench writes, and is left out.")
+        return fitting

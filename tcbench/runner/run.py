@@ -22,7 +22,7 @@ from .plan import Job, plan_job
 from .provenance import machine_name, provenance, usable_cores, utc_now
 from .rows import Store
 from .scheduler import run_cells
-from .tables import latest_rows, made_and_kept, make_tables, read_tables
+from .tables import latest_rows, make_tables, read_tables, tables_by_source
 from .worker import MEASURE, complete_row, measured
 
 if TYPE_CHECKING:
@@ -184,9 +184,9 @@ def execute(
         knock(dask)  # before anything is written
         run_all, machine = partial(run_on_dask, address=dask, security=security), ""
     with Store.open(output, fresh=fresh) as store:
-        store.add_provenance(told := provenance(packages=job.packages))
-        retry, made = bool(limits.get("retry_failed")), job.context["made_by"]
-        todo, _ = plan(job.cells, store, retry, made, job.here, machine)
+        store.add_provenance(origin := provenance(packages=job.packages))
+        retry, from_rows = bool(limits.get("retry_failed")), job.context["made_by"]
+        todo, _ = plan(job.cells, store, retry, from_rows, job.here, machine)
         # a cluster's workers come and go
         remaining = None if dask else Remaining(todo, limits.get("jobs") or usable_cores(), store.raw())
         with of_cells(progress, remaining) as show:
@@ -204,16 +204,16 @@ def execute(
             keys = {cell.key for cell in job.cells}
             tables, failed = make_tables([*in_order(job.studies).values()], store, keys)
             alone = keys == latest_rows(store)[0] and not failed  # no other run has been into this folder
-            made, kept = (tables, {}) if alone else made_and_kept(store)
-            made = {name: table for name, table in made.items() if len(table)}
-            before = set(store.manifest().get("tables", [])).difference(kept)
-            store.write_tables(made, before)
-            every = made | kept
-            store.write_declared(merged(store.declared(), job.told()))
+            from_rows, from_files = (tables, {}) if alone else tables_by_source(store)
+            from_rows = {name: table for name, table in from_rows.items() if len(table)}
+            before = set(store.manifest().get("tables", [])).difference(from_files)
+            store.write_tables(from_rows, before)
+            every = from_rows | from_files
+            store.write_declared(merged(store.declared(), job.declared()))
             lines = [line for cell in job.cells if (line := store.line(cell.key))]
             statuses = Counter(str(line["row"].get("status")) for line in lines)
         ended = {"provenance_id": store.provenance_id, "started": started, "ended": utc_now(), "cells": len(job.cells)}
-        store.write_manifest(told | ended | {"interrupted": summary.interrupted, "tables": sorted(every)})
+        store.write_manifest(origin | ended | {"interrupted": summary.interrupted, "tables": sorted(every)})
         problems = tuple(dict.fromkeys(store.problems))
         without = [study.name for study in failed]
         return Results(tables, Path(output), summary, job.left_out, statuses, problems, every, job.notes, without)

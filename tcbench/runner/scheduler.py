@@ -261,13 +261,13 @@ class Worker:
         assert self.cell is not None
         context = self.crew.settings["context"]
         brought = context.get("brought_by", {}).get(self.cell.integrator, [])
-        told = self._log.with_suffix(".json")
-        told.write_bytes(to_json({**self.crew.settings, "brought_by": brought}))
+        settings = self._log.with_suffix(".json")
+        settings.write_bytes(to_json({**self.crew.settings, "brought_by": brought}))
         self._opened, self._ready = time.monotonic(), False
         with open(self._log, "wb"):
             pass
         with open(self._log, "ab") as output:  # appending: after it was emptied writing goes on at its beginning
-            self._child = Child(lambda c, line: self.crew.said.put((self, c, line)), told, output)
+            self._child = Child(lambda c, line: self.crew.said.put((self, c, line)), settings, output)
 
     def _start_failed(self, how: str) -> None:
         """Try again; after some attempts all that is left of this integrator is given up."""

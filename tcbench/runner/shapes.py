@@ -42,15 +42,15 @@ def fits(value: Any, kind: Any) -> bool:
     return isinstance(value, kind) and (kind in (bool, object) or not isinstance(value, bool))
 
 
-def fitting(data: Mapping[str, Any], kinds: Mapping[str, Any], told: list[str], path: str = "") -> dict[str, Any]:
-    """The parts of the data that are of their kinds; what is left out is appended to `told`, by its place."""
-    found = {}
+def fitting(data: Mapping[str, Any], kinds: Mapping[str, Any], misfits: list[str], path: str = "") -> dict[str, Any]:
+    """The parts of the data that are of their kinds; what is left out is appended to `misfits`, by its place."""
+    parts = {}
     for name, value in data.items():
         kind = kinds.get(name, kinds.get(str, object))  # type: ignore[call-overload]
         if isinstance(kind, dict) and str in kind and isinstance(value, dict):
-            found[name] = fitting(value, kind, told, f"{path}{name}.")
+            parts[name] = fitting(value, kind, misfits, f"{path}{name}.")
         elif fits(value, kind):
-            found[name] = value
+            parts[name] = value
         else:
-            told.append(f"{path}{name}")
-    return found
+            misfits.append(f"{path}{name}")
+    return parts

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import TcbenchError, UnknownNameError, matching
-from ..studies.base import find_study, in_order, known_tables, study_names
+from ..studies.base import find_study, in_order, study_names, table_schemas
 from ..study import Study
 from ..table import Table
 from .cell import identity_of
@@ -24,36 +24,34 @@ def read_tables(source: str | Path | Store) -> dict[str, DataFrame]:
     Made from the rows; read from `tables/` where there are none, as in a published run that keeps its tables only, or
     where rows cannot be tabulated.
     """
-    made, kept = made_and_kept(source if isinstance(source, Store) else Store.read(source))
-    return made | kept
+    from_rows, from_files = tables_by_source(source if isinstance(source, Store) else Store.read(source))
+    return from_rows | from_files
 
 
-def made_and_kept(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFrame]]:
-    """The tables that are made of the rows, and those of which only the files are there."""
+def tables_by_source(store: Store) -> tuple[dict[str, DataFrame], dict[str, DataFrame]]:
+    """The tables that the rows give, and those of which only the files are there; empty ones are in neither."""
     latest, older = latest_rows(store)
     store.problems += older
     chosen, others = _studies(store)
-    known = [name for study in chosen for name in study.table_names]
+    own_names = [name for study in chosen for name in study.table_names]
     written = store.manifest().get("tables", [])
-    names = [name for name in store.tables() if not latest or (others and name not in known and name in written)]
+    names = [name for name in store.tables() if not latest or (others and name not in own_names and name in written)]
     store.problems += [f"No study is called {name!r} here: its tables are those that were written." for name in others]
     tables, failed = make_tables(chosen, store, latest)
     names += [name for study in failed for name in store.tables() if name in study.table_names]
-    kept, known_of = {}, known_tables(store.declared()) if names else {}
-    for name in set(names).difference(tables):
+    from_files, schemas = dict[str, "DataFrame"](), table_schemas(store.declared()) if names else {}
+    for name in [name for name in dict.fromkeys(names) if name not in tables]:
         try:
-            found = store.read_table(name)
+            table = store.read_table(name)
         except TcbenchError as error:
             store.problems.append(str(error))
             continue
-        lacking = _asked_for(known_of.get(name)).difference(found) if len(found) else ()
-        if lacking:
+        lacking = _asked_for(schemas.get(name)).difference(table)
+        if lacking and len(table):
             store.problems.append(f"The table {name} has no column {', '.join(sorted(lacking))}: it is left out.")
-        else:
-            kept[name] = found
-    kept = {name: kept[name] for name in names if name in kept}
-    made, kept = ({name: table for name, table in found.items() if len(table)} for found in (tables, kept))
-    return made, kept
+        elif len(table):
+            from_files[name] = table
+    return {name: table for name, table in tables.items() if len(table)}, from_files
 
 
 def _asked_for(table: Table | None) -> set[str]:
@@ -68,13 +66,13 @@ def _asked_for(table: Table | None) -> set[str]:
 def _studies(store: Rows) -> tuple[list[Study], list[str]]:
     """tcbench's own studies and those of plugins that have rows, in their order; and the names that no study has."""
     rows = {str(line["cell"].get("study")) for line in store.raw() if line["cell"]}
-    found, others = [find_study(name) for name in study_names() if name in rows], []
+    studies, others = [find_study(name) for name in study_names() if name in rows], []
     for name in sorted(rows.difference(study_names())):
         try:
-            found.append(find_study(name))
+            studies.append(find_study(name))
         except UnknownNameError:
             others.append(name)
-    return [*in_order(found).values()], others
+    return [*in_order(studies).values()], others
 
 
 def latest_rows(store: Rows) -> tuple[set[str], list[str]]:
@@ -90,11 +88,11 @@ def latest_rows(store: Rows) -> tuple[set[str], list[str]]:
         cell, parts = line["cell"], line["made_by"].split("+")[0].split("-")
         method, scenario = str(cell.get("integrator")), str(cell.get("scenario"))
         names = ("another tcbench", f"an older {method}", f"another scenario {scenario}")
-        found = dict(zip(names, parts, strict=False)) if len(parts) == 3 else {}
-        if other := [name for name, mark in found.items() if now.get(name, mark) != mark]:
+        marks = dict(zip(names, parts, strict=False)) if len(parts) == 3 else {}
+        if other := [name for name, mark in marks.items() if now.get(name, mark) != mark]:
             older[method, other[0]] += 1
         else:
-            now |= found
+            now |= marks
             keys.add(line["key"])
     return keys, [
         f"{count} row{'s' * (count > 1)} of {method} measured with {cause} {'are' if count > 1 else 'is'} not in the "
@@ -127,10 +125,10 @@ def only(tables: Mapping[str, DataFrame], column: str, names: Sequence[str]) -> 
     A table need not have rows of each (that of blow-ups has the methods that failed); a name that none has is an error.
     A name may be a pattern, as in "tc_*".
     """
-    known = {str(value) for table in tables.values() if column in table for value in table[column].dropna()}
+    values = {str(value) for table in tables.values() if column in table for value in table[column].dropna()}
     if not names:
         return dict(tables)
-    chosen = [one for name in names for one in matching(f"{column} of this run", name, known)]
+    chosen = [one for name in names for one in matching(f"{column} of this run", name, values)]
     return {
         key: table[table[column].astype(str).isin(chosen)] if column in table else table
         for key, table in tables.items()

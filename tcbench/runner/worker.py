@@ -98,12 +98,12 @@ def run_cell(cell: dict[str, Any], extra: dict[str, Any]) -> bytes:
     """Measure one cell and return its row as JSON. extra : entries to add to the row (timed, order, ...)."""
     _undo_leftovers()
     measure = pkgutil.resolve_name  # an import that fails is the row's
-    found = complete_row(
+    row = complete_row(
         lambda: measure(_settings["measure"])(cell, _settings["context"]), extra,
         (BaseException,),  # SystemExit and KeyboardInterrupt of a plugin are that plugin's failures too
     )  # fmt: skip
     _flush()
-    return found
+    return row
 
 
 def measure_cell(cell: dict[str, Any], context: dict[str, Any]) -> dict[str, Any]:
@@ -171,11 +171,11 @@ def complete_row(
     """
     began = time.perf_counter()
     try:
-        found = measure()
+        numbers = measure()
         took = time.perf_counter() - began
-        if not isinstance(found, Mapping):
-            raise TypeError(f"the measurement returned {type(found).__name__}, not a dict")
-        row = {"status": "ok", "failure": "", "wall_time_s": took} | {str(k): v for k, v in found.items()}
+        if not isinstance(numbers, Mapping):
+            raise TypeError(f"the measurement returned {type(numbers).__name__}, not a dict")
+        row = {"status": "ok", "failure": "", "wall_time_s": took} | {str(k): v for k, v in numbers.items()}
         if not isinstance(row["status"], str):
             raise TypeError(f"the measurement returned the status {row['status']!r}, not a word")
         text = row_bytes(row | {"cell_time_s": took} | dict(extra))

@@ -113,6 +113,6 @@ def tables_by_study(declared: Mapping[str, Any] = EMPTY) -> dict[str, tuple[Tabl
     return brought | own
 
 
-def known_tables(declared: Mapping[str, Any] = EMPTY) -> dict[str, Table]:
+def table_schemas(declared: Mapping[str, Any] = EMPTY) -> dict[str, Table]:
     """The same by the name of the table."""
     return {table.name: table for tables in tables_by_study(declared).values() for table in tables}

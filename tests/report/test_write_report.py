@@ -12,7 +12,7 @@ import pytest
 import tcbench
 from tcbench.errors import TcbenchError
 from tcbench.report import write_report as report
-from tcbench.studies.base import known_tables
+from tcbench.studies.base import table_schemas
 from tcbench.studies.columns import column
 
 pytestmark = pytest.mark.usefixtures("cells_here")
@@ -102,7 +102,7 @@ def test_the_page_is_one_small_file_that_asks_for_nothing_else(full):
 
 def test_every_table_is_embedded_with_its_numbers(full):
     tables = awkward.everything([*awkward.FIVE, *awkward.PEERS])
-    page, known = Page(full[1]), known_tables()
+    page, known = Page(full[1]), table_schemas()
     assert page.data["tables"] == {name: len(table) for name, table in tables.items()}
     for name, table in tables.items():
         found = page.table(name)

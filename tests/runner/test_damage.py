@@ -23,7 +23,7 @@ def run(folder, out, *words, methods=("tc_monolithic", "tc_gauss"), cache, **env
 
 
 def rows(folder):
-    return {line["cell"]["integrator"]: line["row"] for line in Store.read(folder).lines()}
+    return {line["cell"]["integrator"]: line["row"] for line in Store.read(folder).raw()}
 
 
 def lasting(folder):

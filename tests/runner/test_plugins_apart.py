@@ -47,7 +47,7 @@ def run(*words, cwd, out="out", by=tcbench):
 
 
 def rows(folder):
-    return {line["cell"]["integrator"]: line["row"] for line in Store.read(folder).lines()}
+    return {line["cell"]["integrator"]: line["row"] for line in Store.read(folder).raw()}
 
 
 def helped(folder, name, factor):

@@ -98,7 +98,7 @@ def test_rows_come_back_latest_per_key(tmp_path):
     store = Store.read(tmp_path / "run")
     assert finished(store) == {a.key, b.key}
     assert same(store.rows()[b.key], {"status": "ok", "x": math.nan, "l": [math.inf, {"y/~": -math.inf}]})
-    assert store.lines()[0]["provenance"] == origin
+    assert store.raw()[0]["provenance"] == origin
     assert store.provenances() == {origin: {"commit": "abc"}}
     assert store.records("conservation")[1]["dt"] == 0.1
     assert store.problems == []

@@ -3,7 +3,7 @@
 import pytest
 
 from tcbench import Column, Table, TcbenchError
-from tcbench.studies.base import known_tables
+from tcbench.studies.base import table_schemas
 from tcbench.studies.columns import column, own_tables
 from tcbench.table import from_dict
 
@@ -40,7 +40,7 @@ def test_a_table_comes_back_from_a_run_folder_as_it_was(table):
 
 @pytest.mark.parametrize("data", [None, {"name": 1}, {"name": "a", "columns": [{"nope": 1}]}, {"name": "a", "x": 2}])
 def test_a_damaged_folder_declares_no_table(data):
-    assert from_dict(data) is None and "conservation" in known_tables({"tables": {"mine": [data]}})
+    assert from_dict(data) is None and "conservation" in table_schemas({"tables": {"mine": [data]}})
 
 
 def test_a_mistake_in_a_table_is_named_where_it_is_made():
