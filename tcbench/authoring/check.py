@@ -48,33 +48,33 @@ WIDTH = max(map(len, OF_INTEGRATORS))  # of the names of lines; those of the ope
 @dataclass(eq=False)
 class Subject:
     """What is checked: an integrator, a scenario, or a file that brings neither. Walked over it gives its lines as they
-    are known, and `found` has those that have been given."""
+    are known, and `results` has those that have been given."""
 
     name: str
     kind: str
     lines: Iterator[Line]
-    found: list[Line] = field(default_factory=list)
+    results: list[Line] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[Line]:
         for one in self.lines:
-            self.found.append(one)
+            self.results.append(one)
             yield one
 
     @property
     def ok(self) -> bool:
-        return all(line.verdict != FAIL for line in self.found)
+        return all(line.verdict != FAIL for line in self.results)
 
     def as_dict(self) -> dict[str, Any]:
-        return {"name": self.name, "kind": self.kind, "ok": self.ok, "lines": [asdict(line) for line in self.found]}
+        return {"name": self.name, "kind": self.kind, "ok": self.ok, "lines": [asdict(line) for line in self.results]}
 
 
 def check(target: str, only: Sequence[str] = ()) -> list[Subject]:
     """What a plugin file, or registered integrators or scenarios, stand for, with all lines."""
-    found = subjects(target, only)
-    for subject in found:
+    chosen = subjects(target, only)
+    for subject in chosen:
         for _ in subject:
             pass
-    return found
+    return chosen
 
 
 def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
@@ -101,17 +101,19 @@ def subjects(target: str, only: Sequence[str] = ()) -> list[Subject]:
 def named(integrators: Sequence[str], scenarios: Sequence[str], only: Sequence[str] = ()) -> list[Subject]:
     """Integrators and scenarios of these names or patterns."""
     chosen, methods = _lines(only), plugins.expand_integrators(integrators)
-    found = [Subject(method.name, "integrator", integrator_lines(method, [], chosen)) for method in methods]
-    return found + [Subject(s.name, "scenario", scenario_lines(s, chosen)) for s in plugins.expand_scenarios(scenarios)]
+    judged = [Subject(method.name, "integrator", integrator_lines(method, [], chosen)) for method in methods]
+    return judged + [
+        Subject(s.name, "scenario", scenario_lines(s, chosen)) for s in plugins.expand_scenarios(scenarios)
+    ]
 
 
 def _lines(only: Sequence[str]) -> list[str]:
-    known = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
-    return [one for name in only for one in matching("line of tcbench check", name, known)]
+    names = dict.fromkeys((*OF_INTEGRATORS, *OF_SCENARIOS))
+    return [one for name in only for one in matching("line of tcbench check", name, names)]
 
 
 def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
-    def found(*lines: Line) -> list[Subject]:
+    def alone(*lines: Line) -> list[Subject]:
         return [Subject(path.stem, "plugin", iter(lines))]
 
     if not path.is_file():
@@ -122,10 +124,10 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
         refuse_doubles(registry.studies.values())
     except TcbenchError as error:  # two plugins with one name
         remedy = "Rename yours; tcbench list shows the names that are taken."
-        return found(Line("loads", OK), Line("unique name", FAIL, str(error), remedy))
+        return alone(Line("loads", OK), Line("unique name", FAIL, str(error), remedy))
     origin = next(o for o in registry.origins.values() if o.path and Path(o.path).resolve() == path.resolve())
     if origin.error:
-        return found(_loads(origin))
+        return alone(_loads(origin))
 
     def brings(*kinds: str) -> list[Any]:
         every = [one for kind in kinds for one in getattr(registry, kind).values()]
@@ -138,8 +140,8 @@ def _of_file(path: Path, only: Sequence[str]) -> list[Subject]:
     others = [f"{kind} {one.name}" for kind in ("metric", "study", "chart") for one in brings(OTHERS[kind])]
     if not result and not others:
         remedy = f"Return it from a @hookimpl: {' or '.join(f'tcbench_{kind}' for kind in HOOKED)}."
-        return found(Line("registers something", FAIL, "no hook is implemented", remedy))
-    return result or found(Line("loads", OK, f"brings {', '.join(others)}; {RUN_SAYS}"))
+        return alone(Line("registers something", FAIL, "no hook is implemented", remedy))
+    return result or alone(Line("loads", OK, f"brings {', '.join(others)}; {RUN_SAYS}"))
 
 
 def _loads(origin: Origin) -> Line:
@@ -186,9 +188,7 @@ def _guarded(name: str, test: Callable[[Any], Any], subject: Any) -> Any:
 
 def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
     """A run in a process of its own: ends in time, with a status."""
-    scenario = integrator_checks.scenarios(method)[
-        0
-    ]  # not a stiff one, on which explicit methods fail at any such step
+    scenario = integrator_checks.scenarios(method)[0]  # not a stiff one, where explicit methods fail at any such step
     dt = min(SMALL, integrator_checks.GENTLE * scenario.dt)
     settings: dict[str, float] = {"dt": dt, "t_end": 10 * dt} if name == "runs" else {"dt": 1000.0, "t_end": 10000.0}
     if method.kind == "adaptive":
@@ -203,8 +203,8 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
     if kind := row.get("exception_type"):  # not of a step, which is a status: a formula that is refused, for instance
         return Line(name, FAIL, f"{kind}: {row['exception_message']}", "Fix what the message says.")
     if name == "runs":
-        found = status if status == "ok" else f"{status}: {row['failure']}"
-        return line(name, status == "ok", found, "Fix what the message says." if status == "exception" else LOOK_BELOW)
+        ended = status if status == "ok" else f"{status}: {row['failure']}"
+        return line(name, status == "ok", ended, "Fix what the message says." if status == "exception" else LOOK_BELOW)
     return Line(name, OK, f"h = 1000: status {status}" if "dt" in settings else f"status {status}")
 
 
@@ -244,8 +244,8 @@ def scenario_lines(scenario: Scenario, only: Sequence[str] = ()) -> Iterator[Lin
     yield from LOADED
     for name, test in scenario_checks.TESTS:
         if not only or name in only:
-            found = _guarded(name, test, scenario)
-            lines = found if isinstance(found, list) else [found]
+            answer = _guarded(name, test, scenario)
+            lines = answer if isinstance(answer, list) else [answer]
             yield from lines
             if reason := next((STOPS[x.check] for x in lines if x.verdict == FAIL and x.check in STOPS), ""):
                 yield Line("the rest", NONE, f"not checked: {reason}")
@@ -261,5 +261,5 @@ def printable(item: Line) -> Iterator[str]:
 
 def verdict(subject: Subject) -> str:
     """The last line of a report."""
-    failed = sum(item.verdict == FAIL for item in subject.found)
+    failed = sum(item.verdict == FAIL for item in subject.results)
     return f"{subject.name}: {'all lines pass' if subject.ok else f'{failed} to fix'}\n"

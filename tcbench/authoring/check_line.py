@@ -17,6 +17,6 @@ class Line:
     remedy: str = ""
 
 
-def line(check: str, good: bool, found: str, remedy: str) -> Line:
+def line(check: str, good: bool, text: str, remedy: str) -> Line:
     """A line whose remedy is shown only where it is needed."""
-    return Line(check, OK, found) if good else Line(check, FAIL, found, remedy)
+    return Line(check, OK, text) if good else Line(check, FAIL, text, remedy)

@@ -18,17 +18,17 @@ from ..systems.scenario import Scenario
 STILL = 1e-9  # part of a state's size, by which every method that takes a step has moved it
 
 
-def given_gap(function: Any, given: Callable[..., Any], scenario: Scenario) -> float:
+def given_gap(function: Any, jacobian: Callable[..., Any], scenario: Scenario) -> float:
     """jacobian(z, system) of the vector field, or jacobian(z0, z1, h, system) of function.residual to z1."""
     model, h = scenario.model, scenario.dt / 10
     z0 = np.array(scenario.z0)
     residual = getattr(function, "residual", None)
     if residual is None:
-        found, f = np.asarray(given(model.state(z0), model), float), lambda z: np.asarray(model.vector_field(z))
-        return _gap(found, f, z0)
+        matrix, f = np.asarray(jacobian(model.state(z0), model), float), lambda z: np.asarray(model.vector_field(z))
+        return _gap(matrix, f, z0)
     z1 = z0 + h * np.asarray(model.vector_field(z0))
-    found = np.asarray(given(model.state(z0), model.state(z1), h, model), float)
-    return _gap(found, lambda z: np.asarray(residual(model.state(z0), model.state(z), h, model)), z1)
+    matrix = np.asarray(jacobian(model.state(z0), model.state(z1), h, model), float)
+    return _gap(matrix, lambda z: np.asarray(residual(model.state(z0), model.state(z), h, model)), z1)
 
 
 def traced_gap(method: Integrator, scenario: Scenario) -> float:
@@ -42,8 +42,8 @@ def traced_gap(method: Integrator, scenario: Scenario) -> float:
         if n > 0:
             w = kernels.prepared(scenario.z0, constants)
             x = 1e-2 * np.cos(np.arange(n))  # any point near the start: the formula is checked, not the root
-            found = _matrix(kernels, kernels.linear(w, x)[n:])
-            worst = max(worst, _gap(found, partial(_rows, kernels, w), x))
+            matrix = _matrix(kernels, kernels.linear(w, x)[n:])
+            worst = max(worst, _gap(matrix, partial(_rows, kernels, w), x))
     return worst
 
 
@@ -52,9 +52,9 @@ def _matrix(kernels: FlowKernels, entries: Any) -> Any:
     n, pattern = kernels.n_unknowns, kernels.pattern
     if pattern is None:
         return entries[: n * n].reshape(n, n)
-    found = np.zeros((n, n))
-    found[np.repeat(np.arange(n), np.diff(pattern.first)), pattern.columns] = entries[: pattern.nnz]
-    return found
+    matrix = np.zeros((n, n))
+    matrix[np.repeat(np.arange(n), np.diff(pattern.first)), pattern.columns] = entries[: pattern.nnz]
+    return matrix
 
 
 def _rows(kernels: FlowKernels, w: Any, x: Any) -> Any:
@@ -62,7 +62,7 @@ def _rows(kernels: FlowKernels, w: Any, x: Any) -> Any:
     return kernels.linear(w, x)[: kernels.n_unknowns]
 
 
-def _gap(found: Any, f: Callable[[Any], Any], x: Any) -> float:
+def _gap(matrix: Any, f: Callable[[Any], Any], x: Any) -> float:
     """Largest difference of a Jacobian to central differences, relative to its largest entry."""
     columns = []
     for i in range(len(x)):
@@ -70,9 +70,9 @@ def _gap(found: Any, f: Callable[[Any], Any], x: Any) -> float:
         e[i] = 1e-5 * max(1.0, abs(x[i]))
         columns.append((f(x + e) - f(x - e)) / (2 * e[i]))
     differences = np.stack(columns, axis=-1)
-    if np.shape(found) != differences.shape:
+    if np.shape(matrix) != differences.shape:
         return math.inf
-    return float(np.abs(found - differences).max() / np.abs(differences).max())
+    return float(np.abs(matrix - differences).max() / np.abs(differences).max())
 
 
 def march_gap(method: Integrator, scenario: Scenario, h: float, count: int) -> tuple[tuple[int, ...], float]:
@@ -80,24 +80,24 @@ def march_gap(method: Integrator, scenario: Scenario, h: float, count: int) -> t
     assert method.march is not None and method.step is not None
     model, expected = scenario.model, []
     z = model.state(scenario.z0.copy())
-    found = np.asarray(method.march(z, h, count, model, *method.held_by_a_run(model)), float)
+    values = np.asarray(method.march(z, h, count, model, *method.held_by_a_run(model)), float)
     held = method.held_by_a_run(model)
     for _ in range(count):
         expected.append(np.array(method.step(z, h, model, *held)))
         z = model.state(np.asarray(z) + expected[-1] if method.increments else expected[-1])
-    return found.shape, _largest(found, np.array(expected))
+    return values.shape, _largest(values, np.array(expected))
 
 
 def workspace_gap(method: Integrator, scenario: Scenario, h: float) -> float:
     """How far one step is from itself after others that had the same workspace; 0 where a run holds none."""
     if method.step is None or method.workspace is None:
         return 0.0
-    model, held, found = scenario.model, method.held_by_a_run(scenario.model), [scenario.z0]
+    model, held, states = scenario.model, method.held_by_a_run(scenario.model), [scenario.z0]
     for start in (0, 1, 0, 1):  # once from where the last one ended
-        z = model.state(found[start].copy())
+        z = model.state(states[start].copy())
         z1 = np.array(method.step(z, h, model, *[(z.copy(),) * method.memory] * bool(method.memory), *held))
-        found.append(z + z1 if method.increments else z1)
-    return _largest(found[2], found[4])
+        states.append(z + z1 if method.increments else z1)
+    return _largest(states[2], states[4])
 
 
 def outputs_gap(method: Integrator, scenario: Scenario, span: float, count: int) -> tuple[tuple[int, ...], float]:
@@ -105,13 +105,13 @@ def outputs_gap(method: Integrator, scenario: Scenario, span: float, count: int)
     assert method.outputs is not None and method.adaptive is not None
     model, times = scenario.model, np.linspace(0.0, span, count)
     states, _ = method.outputs(model, scenario.z0.copy(), times, 1e-6, 1e-6)
-    found = np.array(list(states), float)
+    values = np.array(list(states), float)
     expected = method.adaptive(model, scenario.z0.copy(), times, 1e-6, 1e-6)
-    return found.shape, _largest(found, np.asarray(expected[0] if isinstance(expected, tuple) else expected, float))
+    return values.shape, _largest(values, np.asarray(expected[0] if isinstance(expected, tuple) else expected, float))
 
 
-def _largest(found: np.ndarray, expected: np.ndarray) -> float:
-    return float(np.abs(found - expected).max()) if found.shape == expected.shape else math.inf
+def _largest(values: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.abs(values - expected).max()) if values.shape == expected.shape else math.inf
 
 
 def stands_still(one: Trajectory) -> bool:

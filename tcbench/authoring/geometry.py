@@ -42,9 +42,9 @@ def far(scenario: Scenario) -> Line:
     model = scenario.model
     if _violated(scenario, 1.0):
         return Line("far out", NONE, "not looked at: a condition does not hold near the start")
-    if not (found := _violated(scenario, FAR)):
+    if not (violation := _violated(scenario, FAR)):
         return Line("far out", OK, f"the conditions hold {FAR:g} times as far from the start")
-    formula, defect, z = found
+    formula, defect, z = violation
     where = f"at {state_in_words(model, z)}"
     if defect:
         said = f"{written(model, formula)}: an identity that holds near the start is violated by {defect:.1e} {where}"
@@ -99,10 +99,10 @@ def _jacobi(seen: _Differenced, z: Floats, which: Any) -> float:
         h = STEP / (np.abs(along) / seen.spread).max() if along.any() else 0.0
         slope = (seen.skew(z + h * along, which) - seen.skew(z - h * along, which)) / (2 * h) if h else 0.0 * L
         total, size = total + float(a @ slope @ c), size + float(np.abs(a) @ np.abs(slope) @ np.abs(c))
-    least = 1e-3 * float(
+    floor = 1e-3 * float(
         np.abs(covectors[0]) @ np.abs(L) @ np.abs(covectors[1])
     )  # where L is constant all is round-off
-    return abs(total) / max(size, least, 1e-300)
+    return abs(total) / max(size, floor, 1e-300)
 
 
 def onsager(scenario: Scenario) -> Line:
@@ -123,12 +123,12 @@ def onsager(scenario: Scenario) -> Line:
             if gap.max() > EXACT * np.abs(A).max():
                 i, j = np.unravel_index(gap.argmax(), gap.shape)
                 one, other = (model.component_names[which[k]] for k in (i, j))
-                found = (
+                text = (
                     f"{written(model, 'irreversible')}: the rate of {one} changes with {by} of {other} by "
                     f"{A[i, j]:.3g}, that of {other} with {by} of {one} by {A[j, i]:.3g}"
                 )
                 remedy = "Both laws hold without it; a symmetric M(z) has it. What only turns is reversible."
-                return Line("Onsager", NONE, found, remedy)
+                return Line("Onsager", NONE, text, remedy)
             if A.any() and by not in looked:
                 looked.append(by)
     if not looked:
@@ -160,13 +160,13 @@ class _Differenced:
         if covectors is not None:
             dE, dS = (covectors, dS) if self.by == "dE" else (dE, covectors)
         z, dE, dS = np.broadcast_arrays(np.asarray(z), dE, dS)
-        found: Floats = np.asarray(getattr(self.model, self.name)(z, dE, dS))
-        return found
+        rates: Floats = np.asarray(getattr(self.model, self.name)(z, dE, dS))
+        return rates
 
     def moves(self, z: Any) -> Floats:
         """How far each entry of the covector may be changed; what is a temperature stays positive."""
-        found: Floats = CHANGE * np.where(self.still, self.sizes, np.abs(self.true(z)))
-        return found
+        changes: Floats = CHANGE * np.where(self.still, self.sizes, np.abs(self.true(z)))
+        return changes
 
     def affine(self, which: Any, rows: Any = slice(None)) -> bool:
         """Are these rates affine in these entries?"""
@@ -183,8 +183,8 @@ class _Differenced:
         """d rate / d covector of affine rates, shape (size, len(which))."""
         moves = np.diag(self.moves(z))[which]
         rates = self.rate(z, self.true(z) + moves) - self.rate(z, self.true(z) - moves)
-        found: Floats = rates.T / (2 * self.moves(z)[which])
-        return found
+        matrix: Floats = rates.T / (2 * self.moves(z)[which])
+        return matrix
 
     def skew(self, z: Any, which: Any) -> Floats:
         """L(z), whose columns where dE is constant are those that make it skew."""
@@ -205,20 +205,20 @@ def temperatures(scenario: Scenario) -> Line:
     dE = np.array([np.asarray(model.gradient(z)) for z in states])
     dS = np.array([np.asarray(model.entropy_gradient(z)) for z in states])
     quotients = np.divide(dE, dS, out=np.full_like(dE, np.nan), where=dS != 0)
-    known = (np.abs(theta[:, :, None] - quotients[:, None, :]) < EXACT * theta[:, :, None]).all(axis=0)
-    for k in np.flatnonzero(~known.any(axis=1))[:1]:
+    matches = (np.abs(theta[:, :, None] - quotients[:, None, :]) < EXACT * theta[:, :, None]).all(axis=0)
+    for k in np.flatnonzero(~matches.any(axis=1))[:1]:
         which = f"number {k} " if theta.shape[1] > 1 else ""
-        found = f"{written(model, 'temperature')}: {which}is no dE / dS of a variable"
-        there = np.isfinite(quotients)
-        bounds = [of(quotients, axis=1, where=there, initial=end) for of, end in ((np.min, np.inf), (np.max, -np.inf))]
+        text = f"{written(model, 'temperature')}: {which}is no dE / dS of a variable"
+        finite = np.isfinite(quotients)
+        bounds = [of(quotients, axis=1, where=finite, initial=end) for of, end in ((np.min, np.inf), (np.max, -np.inf))]
         outside = (theta[:, k] < bounds[0] * (1 - EXACT)) | (theta[:, k] > bounds[1] * (1 + EXACT))
-        if not (outside.all() and theta.shape[1] <= there.all(axis=0).sum()):
-            return Line("temperatures", NONE, found, "If it is a mean of several, this is all right.")
-        least, most = (of[0] for of in bounds)
-        those = f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
-        found += f", nor between them: {theta[0, k]:.4g} for {those} at {state_in_words(model, states[0])}"
-        return Line("temperatures", FAIL, found, "It is dE by dS: dE.s where S = s, 1 / dS.u where E = u.")
-    return _stable(model, known, states) or Line("temperatures", OK, "each is dE / dS of a variable")
+        if not (outside.all() and theta.shape[1] <= finite.all(axis=0).sum()):
+            return Line("temperatures", NONE, text, "If it is a mean of several, this is all right.")
+        lowest, most = (of[0] for of in bounds)
+        those = f"{lowest:.4g}" if lowest == most else f"{lowest:.4g} to {most:.4g}"
+        text += f", nor between them: {theta[0, k]:.4g} for {those} at {state_in_words(model, states[0])}"
+        return Line("temperatures", FAIL, text, "It is dE by dS: dE.s where S = s, 1 / dS.u where E = u.")
+    return _stable(model, matches, states) or Line("temperatures", OK, "each is dE / dS of a variable")
 
 
 def _beyond(model: System) -> str:
@@ -226,18 +226,18 @@ def _beyond(model: System) -> str:
     return "not looked at: the state is large" if model.size > LARGE else ""
 
 
-def _stable(model: System, known: Any, states: Any) -> Line | None:
+def _stable(model: System, matches: Any, states: Any) -> Line | None:
     """The line where a temperature falls as its variable takes up energy: a heat capacity below 0."""
     spread = np.ptp(states, axis=0)
-    for k, i in zip(*np.nonzero(known), strict=True):
+    for k, i in zip(*np.nonzero(matches), strict=True):
         for z in states:
             more = STEP * spread * (np.arange(len(z)) == i) * np.sign(model.gradient(z))
-            here, there = (float(np.asarray(model.temperatures(state))[k]) for state in (z, z + more))
-            if there < here * (1 - STEP**2):
+            here, after = (float(np.asarray(model.temperatures(state))[k]) for state in (z, z + more))
+            if after < here * (1 - STEP**2):
                 name = model.component_names[i]
                 where = f"at {state_in_words(model, z)}"
-                found = f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, {where}"
-                return Line("temperatures", NONE, found, "A heat capacity below 0 is unstable. Is it meant?")
+                text = f"{written(model, 'energy')}: the temperature falls as {name} takes up energy, {where}"
+                return Line("temperatures", NONE, text, "A heat capacity below 0 is unstable. Is it meant?")
     return None
 
 

@@ -60,13 +60,11 @@ def run(method: Integrator, scenario: Scenario, dt: float, steps: int) -> Trajec
 
 
 def metadata(method: Integrator) -> Line:
-    known = {"energy", "entropy"} | {n for s in plugins.scenarios().values() for n in s.model.invariant_names}
-    for claim in sorted(method.claims - known):
-        close = difflib.get_close_matches(claim, sorted(known), n=1)
-        found = f"no system has an invariant {claim!r}"
-        return Line(
-            "metadata", FAIL, found, f"Write {close[0]!r}." if close else f"Claims: {', '.join(sorted(known))}."
-        )
+    laws = {"energy", "entropy"} | {n for s in plugins.scenarios().values() for n in s.model.invariant_names}
+    for claim in sorted(method.claims - laws):
+        close = difflib.get_close_matches(claim, sorted(laws), n=1)
+        text = f"no system has an invariant {claim!r}"
+        return Line("metadata", FAIL, text, f"Write {close[0]!r}." if close else f"Claims: {', '.join(sorted(laws))}.")
     if not method.source:
         return Line("metadata", FAIL, "source is empty", 'Say where the method is from: source="paper, equation".')
     claims = ", ".join(sorted(method.claims)) or "nothing"
@@ -148,14 +146,14 @@ def second_way(name: str, method: Integrator) -> Line:
 def _overwrites(flow: Flow, model: System) -> bool:
     """Does the formula put other symbols into the arrays that it is given?"""
     system = model.symbolic
-    known = [flow.chosen(system)] if callable(flow.chosen) else []
-    given = 2 + flow.stages
-    states = [system.state(trace.variables("z", model.size)) for _ in range(given + flow.memory)]
+    chosen = [flow.chosen(system)] if callable(flow.chosen) else []
+    count = 2 + flow.stages
+    states = [system.state(trace.variables("z", model.size)) for _ in range(count + flow.memory)]
     start = system.state(trace.variables("start", model.size))
     before = [list(state) for state in states]
-    extra = [*([states[2:given]] if flow.stages else []), *([start] * states_of(flow) if flow.of_step else [])]
-    extra += [tuple(states[given:])] if flow.memory else []
-    called(flow, [states[0], states[1], trace.variable("h"), system, *extra, *known])
+    extra = [*([states[2:count]] if flow.stages else []), *([start] * states_of(flow) if flow.of_step else [])]
+    extra += [tuple(states[count:])] if flow.memory else []
+    called(flow, [states[0], states[1], trace.variable("h"), system, *extra, *chosen])
     return any(a is not b for z, old in zip(states, before, strict=True) for a, b in zip(z, old, strict=True))
 
 
@@ -199,13 +197,13 @@ def consistent(method: Integrator) -> Line:
             except _NoStep as failed:
                 return Line(name, FAIL, f"on {scenario.name}, no step: {failed}", _MUST_STEP)
             if not (math.isfinite(gaps[1]) and gaps[1] <= max(0.3 * gaps[0], 1e-7)):  # first order: a tenth
-                found = (
+                text = (
                     f"on {scenario.name}, |(z1 - z0)/h - dz/dt| / |dz/dt| is {gaps[0]:.1e}, then {gaps[1]:.1e} at h/10"
                 )
                 remedy = (
                     "Look for a wrong sign, a missing term or a factor of h: the step must tend to system.vector_field."
                 )
-                return Line(name, FAIL, found, remedy)
+                return Line(name, FAIL, text, remedy)
             worst = max(worst, gaps[1])
     return Line(name, OK, f"the step tends to the vector field (gap {worst:.0e} at the smallest h)")
 
@@ -227,24 +225,24 @@ def order(method: Integrator) -> Line:
     """The measured order against the declared one, on one scenario of each system that has a reference."""
     from ..studies import convergence
 
-    name, found, higher = "order", [], ""
+    name, orders, higher = "order", [], ""
     if method.kind == "adaptive":
         return _adaptive_order(method)
     for scenario in scenarios(method):
         row = convergence.measure(method, scenario, {"dt": ladder(method, scenario)})
         fit = next(item for item in row["orders"] if item["variable"] == "all")
-        found.append(f"{scenario.name} {fit['order']:.2f}")
+        orders.append(f"{scenario.name} {fit['order']:.2f}")
         if fit["verdict"] == "undetermined" and _least_error(row) <= ROUNDOFF:
             return Line(name, NONE, f"on {scenario.name} errors reach round-off before one order shows")
         text = f"declared {method.order}, measured {fit['order']:.2f} on {scenario.name} ({fit['verdict']})"
         if fit["verdict"] == "higher than declared":  # no fault where it shows on others: a splitting of one part only
             higher, remedy = text, _order_remedy(fit["verdict"], fit["order"])
-            found.pop()
+            orders.pop()
         elif fit["verdict"] != "as declared":
             return Line(name, FAIL, text, _order_remedy(fit["verdict"], fit["order"]))
-    if higher and not found:
+    if higher and not orders:
         return Line(name, FAIL, higher, remedy)
-    return Line(name, OK, f"declared {method.order}, measured on {', '.join(found)}")
+    return Line(name, OK, f"declared {method.order}, measured on {', '.join(orders)}")
 
 
 def _least_error(row: dict[str, Any]) -> float:
@@ -280,8 +278,8 @@ def _adaptive_order(method: Integrator) -> Line:
         one = simulate(method, scenario, t_end=scenario.t_converge, tolerance=tolerance)
         errors.append(float(np.abs(one.z[-1] - exact).max()) if one.ok else math.inf)
     good = errors[1] <= max(0.05 * errors[0], 1e-7) and errors[1] <= 1e-4
-    found = f"errors {errors[0]:.0e} and {errors[1]:.0e} at tolerances 1e-4 and 1e-8"
-    return line("order", good, found, "Pass rtol and atol on to the solver, and return states at t_eval.")
+    text = f"errors {errors[0]:.0e} and {errors[1]:.0e} at tolerances 1e-4 and 1e-8"
+    return line("order", good, text, "Pass rtol and atol on to the solver, and return states at t_eval.")
 
 
 # ---- claims
@@ -311,8 +309,8 @@ def claims(method: Integrator) -> Line:
         return Line(name, FAIL, stuck, "Not one step is completed where the claims are to hold; see the sentence.")
     if not worst:
         return Line(name, NONE, "nothing that is claimed can be measured; see metadata")
-    found = ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items()))
-    return Line(name, OK, f"{found}; judged on completed steps (none in {stuck})" if stuck else found)
+    text = ", ".join(f"{law} {value:.0e}" for law, value in sorted(worst.items()))
+    return Line(name, OK, f"{text}; judged on completed steps (none in {stuck})" if stuck else text)
 
 
 def _claim_remedy(method: Integrator, law: str) -> str:
@@ -354,10 +352,10 @@ def jacobian(method: Integrator) -> Line:
         return line(
             name, worst <= 1e-5, f"traced, gap to differences {worst:.0e}", "Report this: the formula is traced wrong."
         )
-    given = getattr(function, "jacobian", None)
-    if given is None:
+    own = getattr(function, "jacobian", None)
+    if own is None:
         return Line(name, NONE, f"none is given ({method.kind}.jacobian = f would be checked)")
-    worst = max(given_gap(function, given, scenario) for scenario in scenarios(method))
+    worst = max(given_gap(function, own, scenario) for scenario in scenarios(method))
     remedy = "Compare entry by entry with differences; a gap near 2 is a wrong sign."
     return line(name, worst <= 1e-5, f"gap to differences {worst:.1e}, relative", remedy)
 

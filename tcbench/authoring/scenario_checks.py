@@ -42,8 +42,8 @@ def metadata(scenario: Scenario) -> Line:
     if missing:
         remedy = "Say what a reader should look at (shows=) and where the numbers are from (source=)."
         return Line("metadata", NONE, f"{' and '.join(missing)} empty", remedy)
-    told = f"system {scenario.system.name}, t_end {scenario.t_end:g}, dt {scenario.dt:g}, {scenario.source!r}"
-    return Line("metadata", OK, told)
+    text = f"system {scenario.system.name}, t_end {scenario.t_end:g}, dt {scenario.dt:g}, {scenario.source!r}"
+    return Line("metadata", OK, text)
 
 
 def formulas(scenario: Scenario) -> list[Line]:
@@ -57,8 +57,8 @@ def formulas(scenario: Scenario) -> list[Line]:
         segments(model, np.asarray(z0)[None])
     rates = model.state(np.asarray(model.vector_field(z0)))
     if names := [name for name in model.variables if not (np.abs(getattr(rates, name)) < INFINITE).all()]:
-        found = f"{_not_finite(model, z0)}: at the start the rate of {', '.join(names)} is not finite"
-        return [Line("formulas", FAIL, found, "Look for 0/0: a root of 0 has no slope, nor has a power below 1.")]
+        said = f"{_not_finite(model, z0)}: at the start the rate of {', '.join(names)} is not finite"
+        return [Line("formulas", FAIL, said, "Look for 0/0: a root of 0 has no slope, nor has a power below 1.")]
     if not np.any([rates, *(model.vector_field(model.nearby(z0, np.random.default_rng(i))) for i in range(3))]):
         remedy = "reversible(z, dE, dS) or irreversible(z, dE, dS), or a matrix in its place, gives rates by name."
         return [Line("formulas", FAIL, "nothing moves, at the start or near it", remedy)]
@@ -66,7 +66,7 @@ def formulas(scenario: Scenario) -> list[Line]:
         return [Line("formulas", OK, "traced")]
     changing = [name for name in DERIVED if model.formula(name) != model.formula(name)]
     remedy = "A formula reads its arguments, constants of self and what does not change: no counter, no random numbers."
-    found = f"traced twice, {', '.join(changing)} is not the same" if changing else "traced twice, they are the same"
+    said = f"traced twice, {', '.join(changing)} is not the same" if changing else "traced twice, they are the same"
     text = "".join(model.formula(name)[0] for name in (*DERIVED, *["constraint_values"] * bool(model.multipliers)))
     sizes = [math.prod(shape) for shape in model.constants.values()]
     first = np.cumsum([1, *sizes])  # of each constant, where it stands in b
@@ -77,16 +77,17 @@ def formulas(scenario: Scenario) -> list[Line]:
         and not any(f"b[{i}]" in text for i in range(k, k + n))
     ]
     if unread and not changing:
-        return [Line("formulas", OK, f"{found}; none reads {', '.join(unread)}", "Is a term missing?")]
-    return [line("formulas", not changing, found, remedy)]
+        return [Line("formulas", OK, f"{said}; none reads {', '.join(unread)}", "Is a term missing?")]
+    return [line("formulas", not changing, said, remedy)]
 
 
 def _not_finite(model: System, z: Any) -> str:
     """Where the formula stands from which rates are not finite: an energy's slope, or a rate's own."""
     with np.errstate(all="ignore"):
         covectors = [np.asarray(x) for x in (model.gradient(z), model.entropy_gradient(z))]
-        found = dict(zip(("energy", "entropy", *FORMULAS), (*covectors, *rates_of(model, z, *covectors)), strict=True))
-    name = next(name for name, values in found.items() if not (np.abs(values) < INFINITE).all())
+        slopes_and_rates = *covectors, *rates_of(model, z, *covectors)
+    names = zip(("energy", "entropy", *FORMULAS), slopes_and_rates, strict=True)
+    name = next(name for name, values in names if not (np.abs(values) < INFINITE).all())
     return f"{written(model, name)}{', its slope' * (name in ('energy', 'entropy'))}"
 
 
@@ -103,8 +104,8 @@ def smooth(scenario: Scenario) -> Line:
         return np.concatenate(values, axis=1)
 
     def sound(z: NDArray[np.float64]) -> bool:
-        found = np.asarray(model.observe(z))
-        return bool(np.isfinite(found).all() and (found[:, laws:] > 0).all() and np.isfinite(seen(z)).all())
+        numbers = np.asarray(model.observe(z))
+        return bool(np.isfinite(numbers).all() and (numbers[:, laws:] > 0).all() and np.isfinite(seen(z)).all())
 
     for _ in range(LINES):
         away = np.linspace(-8, 8, PIECES)[:, None] * (np.asarray(next(states)) - z0)
@@ -123,10 +124,10 @@ def smooth(scenario: Scenario) -> Line:
             name = "entropy" if k == 1 or k >= 2 + model.size else "energy"
             of = f"slope by {model.component_names[(k - 2) % model.size]}" if k > 1 else "value"
             where = f"{place(getattr(type(model), name))}, {name}()"
-            found = f"{where}: its {of} jumps from {below[k]:.3g} to {above[k]:.3g}"
+            text = f"{where}: its {of} jumps from {below[k]:.3g} to {above[k]:.3g}"
             if k > 1:
-                return Line("smooth", NONE, found, "Both laws hold across a kink; a method's order does not.")
-            return Line("smooth", FAIL, found, "Let it be continuous: at a jump there is no discrete gradient.")
+                return Line("smooth", NONE, text, "Both laws hold across a kink; a method's order does not.")
+            return Line("smooth", FAIL, text, "Let it be continuous: at a jump there is no discrete gradient.")
     return Line("smooth", OK, "no jump seen near the start, of E, S or their slopes")
 
 
@@ -147,8 +148,8 @@ def laws(scenario: Scenario) -> list[Line]:
     method = plugins.find_integrator("tc_monolithic")
     lines = []
     for finding in operators(method, scenario):
-        known = REMEDIES if isinstance(scenario.model, ElementSystem) else {}
-        remedy = next((text for start, text in known.items() if finding.claim.startswith(start)), finding.why)
+        remedies = REMEDIES if isinstance(scenario.model, ElementSystem) else {}
+        remedy = next((text for start, text in remedies.items() if finding.claim.startswith(start)), finding.why)
         lines.append(line(finding.claim.partition(":")[0], finding.agrees, finding.measured, remedy))
     return lines
 
@@ -163,8 +164,8 @@ def entropies(scenario: Scenario) -> Line:
         z = next(states)
         back = np.asarray(model.entropies(np.asarray(z.q), np.asarray(model.temperatures(z))))
         worst = max(worst, float(np.abs(back - z.s).max() / max(1.0, float(np.abs(z.s).max()))))
-    given = np.abs(np.asarray(model.temperatures(scenario.z0)) / scenario.temperatures - 1).max()
-    worst = max(worst, float(given))
+    inverse = np.abs(np.asarray(model.temperatures(scenario.z0)) / scenario.temperatures - 1).max()
+    worst = max(worst, float(inverse))
     remedy = "Solve theta = d(element_energy)/ds for s."
     return line("entropies", worst <= 1e-10, f"inverse of theta = de/ds, gap {worst:.0e}", remedy)
 
@@ -172,12 +173,12 @@ def entropies(scenario: Scenario) -> Line:
 def positive(scenario: Scenario) -> Line:
     """Temperatures and measures at the start."""
     model, z0 = scenario.model, scenario.z0
-    found = np.concatenate([np.asarray(model.temperatures(z0)), np.asarray(model.shapes(z0))])
-    if not found.size:
+    numbers = np.concatenate([np.asarray(model.temperatures(z0)), np.asarray(model.shapes(z0))])
+    if not numbers.size:
         return Line("positive", NONE, "no temperature(z, dE, dS) and no measures(z): nothing is watched")
-    said = f"{found.size} temperatures and measures, the least {found.min():.4g} at the start"
+    said = f"{numbers.size} temperatures and measures, the least {numbers.min():.4g} at the start"
     remedy = "temperature(z, dE, dS) is absolute, dE by dS: dE.s where S = s, 1 / dS.u where E = u."
-    return line("positive", bool(found.min() > 0), said, remedy)
+    return line("positive", bool(numbers.min() > 0), said, remedy)
 
 
 def exergy(scenario: Scenario) -> Line:
@@ -188,15 +189,15 @@ def exergy(scenario: Scenario) -> Line:
         return Line(
             "exergy", NONE, f"no reference_temperature: errors are over what moves, {scenario.initial_exergy:.3g}"
         )
-    least = min(float(model.exergy(next(states))) for _ in range(50))
-    good = scenario.initial_exergy > 0 and least >= -1e-12 * scenario.initial_exergy
+    smallest = min(float(model.exergy(next(states))) for _ in range(50))
+    good = scenario.initial_exergy > 0 and smallest >= -1e-12 * scenario.initial_exergy
     remedy = "Let exergy_offset() return minus the least value of E - reference_temperature * S."
-    found = f"V0 = {scenario.initial_exergy:.6g}, least of 50 random states {least:.3g}"
-    lowest = _lowest(scenario) if good else least
+    text = f"V0 = {scenario.initial_exergy:.6g}, least of 50 random states {smallest:.3g}"
+    lowest = _lowest(scenario) if good else smallest
     if lowest > scenario.initial_exergy / 2:
         remedy = f"V0 is mostly offset, which makes errors look small: let exergy_offset() give {-lowest:.6g} more."
-        return Line("exergy", OK, f"{found}, least of all near {lowest:.6g}", remedy)
-    return line("exergy", good, found, remedy)
+        return Line("exergy", OK, f"{text}, least of all near {lowest:.6g}", remedy)
+    return line("exergy", good, text, remedy)
 
 
 def _lowest(scenario: Scenario) -> float:
@@ -215,9 +216,9 @@ def _lowest(scenario: Scenario) -> float:
         return value if math.isfinite(value) else sys.float_info.max
 
     for held in (0.0, 100.0 * V0):
-        found = minimize(exergy, z0, (held,), "Nelder-Mead", options={"maxfev": MOST_TRIED})
-        if found.fun >= -1e-6 * V0:
-            return float(exergy(found.x))
+        minimum = minimize(exergy, z0, (held,), "Nelder-Mead", options={"maxfev": MOST_TRIED})
+        if minimum.fun >= -1e-6 * V0:
+            return float(exergy(minimum.x))
     return 0.0
 
 
@@ -258,11 +259,11 @@ def invariants_by_steps(scenario: Scenario) -> list[Line]:
             simulate(method, one.replace(t_end=3 * scenario.dt, dt=scenario.dt), continuation=one is scenario)
             for one in starts
         ]
-        for found in lost_by((pair for run in runs for pair in zip(run.z[:-1], run.z[1:], strict=True)), model):
-            seen.setdefault(found.name, (found, []))[1].append(name)
-    for found, by in seen.values():
-        told = f"changes by {found.change:.1e} of its terms in a step of {', '.join(by)}"
-        lines.append(Line(f"{found.name.replace('_', ' ')} by steps", NONE, told, found.why))
+        for loss in lost_by((pair for run in runs for pair in zip(run.z[:-1], run.z[1:], strict=True)), model):
+            seen.setdefault(loss.name, (loss, []))[1].append(name)
+    for loss, by in seen.values():
+        text = f"changes by {loss.change:.1e} of its terms in a step of {', '.join(by)}"
+        lines.append(Line(f"{loss.name.replace('_', ' ')} by steps", NONE, text, loss.why))
     names = ", ".join(name.replace("_", " ") for name in model.invariant_names if name not in seen)
     return [*([Line("invariants by steps", OK, f"{names}: kept in steps of {tried} methods")] if names else []), *lines]
 

@@ -41,9 +41,9 @@ class UnitsDiffer(TcbenchError):
 @cache
 def _ratio(one: Any, other: Any) -> float:
     """How many of the other one is, 0 where they are not of one kind."""
-    found = REGISTRY.Quantity(1.0, one / other).to_base_units()
-    near = all(abs(power) <= NEGLIGIBLE for power in found.dimensionality.values())
-    return float(found.magnitude) if near else 0.0
+    ratio = REGISTRY.Quantity(1.0, one / other).to_base_units()
+    near = all(abs(power) <= NEGLIGIBLE for power in ratio.dimensionality.values())
+    return float(ratio.magnitude) if near else 0.0
 
 
 class Unit(np.lib.mixins.NDArrayOperatorsMixin):
@@ -69,10 +69,10 @@ class Unit(np.lib.mixins.NDArrayOperatorsMixin):
     def like(self, other: Unit) -> bool:
         return abs(_ratio(self.of, other.of) - 1.0) <= NEGLIGIBLE
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *given: Any, **named: Any) -> Any:
-        if method == "__call__" and hasattr(np, ufunc.__name__) and not any(map(np.ndim, given)):
-            return _applied(ufunc.__name__, *given)
-        return getattr(ufunc, method)(*map(_wrapped, given), **named)  # arrays do it entry by entry
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **named: Any) -> Any:
+        if method == "__call__" and hasattr(np, ufunc.__name__) and not any(map(np.ndim, inputs)):
+            return _applied(ufunc.__name__, *inputs)
+        return getattr(ufunc, method)(*map(_wrapped, inputs), **named)  # arrays do it entry by entry
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         """What numpy calls of the entries of an array."""
@@ -95,16 +95,16 @@ class Unit(np.lib.mixins.NDArrayOperatorsMixin):
 def _wrapped(x: Any) -> Any:
     """A unit as an array of no dimension."""
     if isinstance(x, Unit):
-        (found := np.empty((), dtype=object))[()] = x
-        return found
+        (array := np.empty((), dtype=object))[()] = x
+        return array
     return x
 
 
-def _applied(name: str, *given: Any) -> Any:
+def _applied(name: str, *inputs: Any) -> Any:
     """What a function of numpy gives of units and numbers; UnitsDiffer where it has none."""
-    a, *others = (x if isinstance(x, Unit) else Unit(value=float(x)) for x in given)
+    a, *others = (x if isinstance(x, Unit) else Unit(value=float(x)) for x in inputs)
     if name in (*SUMS, *COMPARED):
-        return _sum(name, given, a, others[0])
+        return _sum(name, inputs, a, others[0])
     if name in ("multiply", "divide"):
         return _product(a, others[0], 1 if name == "multiply" else -1)
     if name == "power":
@@ -128,13 +128,13 @@ def _applied(name: str, *given: Any) -> Any:
     return ONE
 
 
-def _sum(name: str, given: Any, a: Unit, b: Unit) -> Unit:
+def _sum(name: str, inputs: Any, a: Unit, b: Unit) -> Unit:
     if name not in ("add", "subtract"):
         a.settled()
-    numbers = [x for x in given if not isinstance(x, Unit)]
+    numbers = [x for x in inputs if not isinstance(x, Unit)]
     if not numbers and not a.like(b):
         raise UnitsDiffer(f"{where_in_user_code()}: {a} and {b} are added, subtracted or compared.")
-    one = b if numbers and not isinstance(given[0], Unit) else a
+    one = b if numbers and not isinstance(inputs[0], Unit) else a
     if numbers and numbers[0] != 0.0 and not one.is_number:  # 0 is that of any unit
         raise UnitsDiffer(f"{where_in_user_code()}: {one} and the pure number {numbers[0]} are added or subtracted.")
     logs = a.logs * b.logs ** (-1 if name == "subtract" else 1)
@@ -184,30 +184,30 @@ class _Checked:
     """A system whose constants and state are units."""
 
     def __init__(self, system: System) -> None:
-        self.system, self.kind, given = system, type(system), {**DEFAULTS, **system.units}
-        known = (*DEFAULTS, *system.variables, *system.constants)
-        for name in given:
-            if name not in known:
-                raise TcbenchError(f"{self.kind.__name__}.units: {unknown_name('variable or constant', name, known)}")
-        self.E, self.S, self.t = (unit(given[name]) for name in DEFAULTS)
-        self.z = _flat(given, system.variables)
+        self.system, self.kind, units_of = system, type(system), {**DEFAULTS, **system.units}
+        names = (*DEFAULTS, *system.variables, *system.constants)
+        for name in units_of:
+            if name not in names:
+                raise TcbenchError(f"{self.kind.__name__}.units: {unknown_name('variable or constant', name, names)}")
+        self.E, self.S, self.t = (unit(units_of[name]) for name in DEFAULTS)
+        self.z = _flat(units_of, system.variables)
         self.clone = object.__new__(self.kind)
         vars(self.clone).update({x: vars(system)[x] for x in (*OF_SPACES, *system.tables) if x in vars(system)})
         for name in system.constants:
             values = np.asarray(getattr(system, name), dtype=float)
-            units = _flat(given, {name: values.shape})
+            units = _flat(units_of, {name: values.shape})
             parts = [Unit(u.of, float(x)) for u, x in zip(units, np.ravel(values), strict=True)]
             vars(self.clone)[name] = np.array([*parts, None], dtype=object)[:-1].reshape(values.shape)[()]
 
     def asked(self, name: str, *arguments: Any) -> Any:
         return inspect.unwrap(getattr(self.kind, name))(self.clone, *arguments)
 
-    def owes(self, name: str, found: Any, wanted: Unit, what: str) -> None:
+    def owes(self, name: str, values: Any, wanted: Unit, what: str) -> None:
         """UnitsDiffer where what a formula gives is in another unit than it should be, or some of it."""
-        for x in np.ravel(np.asarray(found, dtype=object)):
+        for x in np.ravel(np.asarray(values, dtype=object)):
             if not (x.settled() if isinstance(x, Unit) else ONE).like(wanted) and not _is_zero(x):
                 where = f"{place(getattr(self.kind, name))}: {name}() of {self.kind.__name__}"
-                raise UnitsDiffer(f"{where} gives {what} in {_told(x)}; it is {wanted}.")
+                raise UnitsDiffer(f"{where} gives {what} in {_in_words(x)}; it is {wanted}.")
 
     def elements(self) -> None:
         """Formulas of elements: what each takes and gives follows from the units of q, p and s."""
@@ -221,15 +221,15 @@ class _Checked:
         if "s" not in self.system.units:
             s[:] = self.S
         theta = self.E / s
-        for found, x, y in zip(np.ravel(self.asked("inertia") * np.ones(n)), q, p, strict=True):
-            self.owes("inertia", found, y * self.t / x, "the inertia of a momentum over a velocity")
-            self.owes("inertia", y * y / found, self.E, "p^2 over the inertia")
+        for value, x, y in zip(np.ravel(self.asked("inertia") * np.ones(n)), q, p, strict=True):
+            self.owes("inertia", value, y * self.t / x, "the inertia of a momentum over a velocity")
+            self.owes("inertia", y * y / value, self.E, "p^2 over the inertia")
         pi = np.asarray(self.asked("shape", q), dtype=object)
         self.owes("element_energy", self.asked("element_energy", pi, s), self.E, "the energy of an element")
         gives = [("conduction", "a rate of s", s / self.t, [theta]), ("entropies", "an entropy", s, [q, theta])]
         for name, what, wanted, arguments in gives:
-            for found, u in zip(np.ravel(np.asarray(self.asked(name, *arguments), dtype=object)), wanted, strict=True):
-                self.owes(name, found, u, what)
+            for value, u in zip(np.ravel(np.asarray(self.asked(name, *arguments), dtype=object)), wanted, strict=True):
+                self.owes(name, value, u, what)
         if self.system.defines("entropy_scale"):
             self.owes("entropy_scale", self.asked("entropy_scale"), s[0], "the size of an entropy")
         if self.system.defines("conduction_flow"):
@@ -259,21 +259,21 @@ class _Checked:
                 self.asked(name, state)
 
 
-def _flat(given: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[Unit]:
+def _flat(units_of: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[Unit]:
     """The unit of each number."""
-    found: list[Unit] = []
+    flat: list[Unit] = []
     for name, shape in shapes.items():
-        text, count = given.get(name, "1"), int(np.prod(shape))
+        text, count = units_of.get(name, "1"), int(np.prod(shape))
         units = [text] * count if isinstance(text, str) else [str(x) for x in np.ravel(text)]
         if len(units) != count:
             raise TcbenchError(f"units has {len(units)} for the {count} numbers of {name!r}: one for all, or one each.")
-        found += map(unit, units)
-    return found
+        flat += map(unit, units)
+    return flat
 
 
-def _is_zero(found: Any) -> bool:
-    return not isinstance(found, Unit) and found == 0.0
+def _is_zero(value: Any) -> bool:
+    return not isinstance(value, Unit) and value == 0.0
 
 
-def _told(found: Any) -> str:
-    return str(found) if isinstance(found, Unit) else "a pure number"
+def _in_words(value: Any) -> str:
+    return str(value) if isinstance(value, Unit) else "a pure number"

@@ -29,10 +29,9 @@ def pairs(tables: Tables, declared: Tables) -> DataFrame:
 
     failed, runs : of `ladder_runs`, and mark_B, mark_S ... how many of these runs ended with which of `marks.MARKS`;
     ladder_failed, ladder_runs : of `conservation` alone, with dt_most, its largest step, and done, its runs with a
-    completed step. kept_LAW, of_LAW : the runs that kept a law, of
-    those whose system has it; worst_LAW, at_LAW : its largest loss, and at which step or tolerance.
-    lawful : those that ended and kept every one. fails : whether one of them failed or there is a largest stable step; fails_from : the
-    least step at which that is so.
+    completed step. kept_LAW, of_LAW : the runs that kept a law, of those whose system has it; worst_LAW, at_LAW : its
+    largest loss, and at which step or tolerance. lawful : those that ended and kept every one. fails : whether one of
+    them failed or there is a largest stable step; fails_from : the least step at which that is so.
     order, fits : the fitted order of the state, of the lowest variable where that was not fitted; how many fits.
     limit, dt_stable, dt_unstable, dt_cap : as in `stability`; limit_mark : of its limit;
     dt_coarsest : the scenario's, in `work_precision`, and inner, the steps that the method took inside of one of them.

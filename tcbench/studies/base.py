@@ -55,9 +55,9 @@ def refuse_doubles(brought: Collection[Study]) -> None:
                 )
 
 
-def in_order(found: Iterable[Study]) -> dict[str, Study]:
+def in_order(chosen: Iterable[Study]) -> dict[str, Study]:
     """These by name, in the order of their places."""
-    return {study.name: study for study in sorted(found, key=lambda study: (study.place, study.name))}
+    return {study.name: study for study in sorted(chosen, key=lambda study: (study.place, study.name))}
 
 
 def default_studies() -> dict[str, Study]:
@@ -74,11 +74,11 @@ def study_names() -> tuple[str, ...]:
 
 def expand_studies(names: Iterable[str]) -> list[str]:
     """The studies of these names, each once; a pattern such as `con*` is every one run by default whose name fits."""
-    known = default_studies()
-    found = [
-        one for name in map(str, names) for one in (matching("study", name, known) if is_pattern(name) else [name])
+    defaults = default_studies()
+    chosen = [
+        one for name in map(str, names) for one in (matching("study", name, defaults) if is_pattern(name) else [name])
     ]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(chosen))
 
 
 def find_study(name: str) -> Study:
@@ -88,11 +88,10 @@ def find_study(name: str) -> Study:
         return study
     from .. import plugins
 
-    known = plugins.registry().studies
-    if name not in known:
-        raise unknown_name("study", name, [*study_names(), *known], *plugins.cure())
-    found: Study = known[name]
-    return found
+    brought = plugins.registry().studies
+    if name not in brought:
+        raise unknown_name("study", name, [*study_names(), *brought], *plugins.cure())
+    return brought[name]
 
 
 def settings(integrator: Integrator, steps: Iterable[float], tolerances: Iterable[float]) -> list[Row]:
@@ -104,8 +103,8 @@ def settings(integrator: Integrator, steps: Iterable[float], tolerances: Iterabl
 def tables_by_study(declared: Mapping[str, Any] = EMPTY) -> dict[str, tuple[Table, ...]]:
     """The tables of tcbench's studies, and of those that a run folder declares. Its metrics are columns of
     `conservation`."""
-    told = declared.get("metrics", {}).items()
-    metrics = tuple(Column(n, m.get("label", ""), unit=m.get("unit", ""), worse=m.get("worse", "")) for n, m in told)
+    facts = declared.get("metrics", {}).items()
+    metrics = tuple(Column(n, m.get("label", ""), unit=m.get("unit", ""), worse=m.get("worse", "")) for n, m in facts)
     own: dict[str, tuple[Table, ...]] = {study.name: study.tables for study in own_studies()}
     first, *others = own["conservation"]
     own["conservation"] = (replace(first, columns=(*first.columns, *metrics)), *others)

@@ -26,15 +26,14 @@ PREFERRED = ("short_term", "bound_equilibrium", "long_term")
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """One cell a group of claims, and only groups about what is selected; nothing selected, no rows.
 
-    Theorems: the operators once, the steps for every method that claims something of
-    this system. Entries of the ledger: those
-    whose integrator and scenario are both selected.
+    Theorems: the operators once, the steps for every method that claims something of this system. Entries of the
+    ledger: those whose integrator and scenario are both selected.
     """
     from .paper_claims import LEDGER
 
     cells: Cells = []
-    known = {scenario.name: scenario for scenario in scenarios}
-    shared = next((known[name] for name in (*PREFERRED, *known) if name in known), None)
+    by_name = {scenario.name: scenario for scenario in scenarios}
+    shared = next((by_name[name] for name in (*PREFERRED, *by_name) if name in by_name), None)
     if shared is not None:
         consistent = [i for i in integrators if {"energy", "entropy"} <= i.claims]
         cells += [(integrator, shared, {"group": "operators"}) for integrator in consistent[:1]]

@@ -91,7 +91,7 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
 
 def _of_plugins(run: Trajectory, row: Row) -> Row:
     """The numbers of plugins' metrics. One that gives none costs its own column; `metric_failure` says why."""
-    found: Row = {}
+    numbers: Row = {}
     said = []
     seen = read_only(run)  # by the other metrics, too, and by what the row keeps of the course
     for name, metric in plugins.metrics().items():
@@ -99,13 +99,13 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
             continue
         try:
-            found[name] = as_number(metric.compute(seen))
+            numbers[name] = as_number(metric.compute(seen))
         except (MachineError, MemoryError):
             raise
         except Exception as error:
-            found[name] = math.nan
+            numbers[name] = math.nan
             said.append(f"Metric {name!r} of {metric.plugin}: {blamed(error)}")
-    return found | ({"metric_failure": "; ".join(said)} if said else {})
+    return numbers | ({"metric_failure": "; ".join(said)} if said else {})
 
 
 def as_number(value: Any) -> float:
@@ -127,8 +127,8 @@ def _drawn(scenario: Scenario, options: Row) -> bool:
 
 def tabulate(records: Sequence[Row]) -> Tables:
     rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in KEPT} for row in records]
-    there = set().union(*rows)
-    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*CONSERVATION.names, *there)]
+    names = set().union(*rows)
+    order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*CONSERVATION.names, *names)]
     return {"conservation": table_of(rows, CONSERVATION, order)} | series.tables(records)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.order_fit import OrderFit, fit_order
 from ..integrator import Integrator
+from ..reference.certified import gap
 from ..simulation.run import simulate
 from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
@@ -61,14 +62,14 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     exact = groups(scenario.model, reference.states[0])
     counts = step_counts(integrator, scenario, options.get("dt"))
     dt, ends, floors, states = zip(*(_end_state(integrator, scenario, n) for n in counts), strict=True)
-    found = [None if z is None else groups(scenario.model, z) for z in states]
-    errors = {x: [np.nan if of is None else relative_error(of[x], exact[x]) for of in found] for x in exact}
+    parts = [None if z is None else groups(scenario.model, z) for z in states]
+    errors = {x: [np.nan if of is None else gap(of[x], exact[x]) for of in parts] for x in exact}
     roundoff = [max(1e-9, ROUNDOFF * scenario.t_converge / h) for h in dt]
     fits = {
         name: fit_order(dt, errors[name], reference.floor[0], solver_floor=floors, roundoff=roundoff) for name in exact
     }
     start = groups(scenario.model, scenario.z0)
-    still = {x for x in exact if _is_still([relative_error(exact[x], start[x]), *errors[x]])}
+    still = {x for x in exact if _is_still([gap(exact[x], start[x]), *errors[x]])}
     return {
         "status": "ok" if "ok" in dict(ends) else ends[-1][0],
         "t": scenario.t_converge,
@@ -93,16 +94,9 @@ def groups(model: System, z: Any) -> dict[str, Any]:
     it."""
     theta_size, scaled = model.energy_magnitude / model.entropy_magnitude, np.asarray(z, float) / model.state_magnitudes
     state = model.state(scaled)
-    found = {name: np.ravel(getattr(state, name)) for name in model.variables}
+    parts = {name: np.ravel(getattr(state, name)) for name in model.variables}
     theta = {"theta": model.temperatures(z) / theta_size} if model.n_temperatures else {}
-    return {**found, **theta, "all": scaled}
-
-
-def relative_error(found: Any, exact: Any) -> float:
-    """max_i |found_i - exact_i| / max(1, |exact_i|), the measure of the certificates."""
-    from ..reference.certified import gap
-
-    return gap(found, exact)
+    return {**parts, **theta, "all": scaled}
 
 
 def _is_still(misses: Sequence[float]) -> bool:
@@ -117,8 +111,8 @@ def _order_row(name: str, fit: OrderFit, declared: int | None, still: bool) -> R
     elif verdict == "undetermined" and fit.points_used:
         note = f"The slope lies between {fit.order_low:.2f} and {fit.order_high:.2f}, which says too little: {note}"
     numbers = {name: float(getattr(fit, name)) for name in ("order", "order_low", "order_high", "dt_min", "dt_max")}
-    found = {"points_used": int(fit.points_used), "declared": declared, "verdict": verdict, "note": note}
-    return {"variable": name} | numbers | found
+    entries = {"points_used": int(fit.points_used), "declared": declared, "verdict": verdict, "note": note}
+    return {"variable": name} | numbers | entries
 
 
 def _point_rows(

@@ -63,17 +63,17 @@ def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
 def reach(points: Sequence[Row], measure: str, target: float, cost: str = "wall_time_min_s") -> float:
     """Least time, or other cost, to an error of `target`: of the rungs at or below it, or between two neighbours by a
     straight line in logarithms. An error hidden by the reference's own counts as what hides it."""
-    found = []
-    known = [(reached_error(p, measure), as_float(p.get(cost))) for p in points if p.get("status") == "ok"]
-    known = [(e, t) for e, t in known if _is_number(e) and _is_number(t)]
-    for e, t in known:
+    costs = []
+    rungs = [(reached_error(p, measure), as_float(p.get(cost))) for p in points if p.get("status") == "ok"]
+    rungs = [(e, t) for e, t in rungs if _is_number(e) and _is_number(t)]
+    for e, t in rungs:
         if e <= target:
-            found.append(t)
-    for (e0, t0), (e1, t1) in itertools.pairwise(known):
+            costs.append(t)
+    for (e0, t0), (e1, t1) in itertools.pairwise(rungs):
         if e0 > target > e1 > 0 and t0 > 0:
             share = math.log(e0 / target) / math.log(e0 / e1)
-            found.append(math.exp(math.log(t0) + share * math.log(t1 / t0)))
-    return min(found, default=math.nan)
+            costs.append(math.exp(math.log(t0) + share * math.log(t1 / t0)))
+    return min(costs, default=math.nan)
 
 
 def reached_error(point: Row, measure: str) -> float:

@@ -69,13 +69,13 @@ def _family_cells(
 
 def random_families(scenarios: Sequence[Scenario]) -> list[tuple[str, dict[str, str]]]:
     """Families that can be drawn from, and the ranges given: of the scenarios that are members of one."""
-    found: dict[str, tuple[str, dict[str, str]]] = {}
+    families: dict[str, tuple[str, dict[str, str]]] = {}
     for scenario in scenarios:
         if plugins.is_sampled(scenario):
             name, values = plugins.split_name(scenario.name)
             values.pop("seed", None)
-            found.setdefault(label(name, values), (name, values))
-    return list(found.values())
+            families.setdefault(label(name, values), (name, values))
+    return list(families.values())
 
 
 def label(family: str, values: Mapping[str, str]) -> str:
@@ -130,12 +130,12 @@ def _numbers_hash(scenario: str, seeds: tuple[int, ...], ranges: tuple[tuple[str
 
 def drawn(scenario: Scenario, options: Row) -> list[Any]:
     """The numbers of all members of a block; of references, what computes them."""
-    found: list[Any] = [numbers_hash(scenario, options["seeds"])]
+    numbers: list[Any] = [numbers_hash(scenario, options["seeds"])]
     if options["part"] == REFERENCES:
         from ..reference.lookup import algorithm
 
-        found.append(algorithm())
-    return found
+        numbers.append(algorithm())
+    return numbers
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
@@ -148,8 +148,8 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     if options["part"] == SHARES:
         return common | {"rows": runs.shares(integrator, scenarios, options["dt"])}
     control = "tolerance" if integrator.kind == "adaptive" else "dt"
-    found = runs.timings(integrator, scenarios, options["share_s"], options["seeds"][0])
-    return common | {"ladders": found, "control": control}
+    ladders = runs.timings(integrator, scenarios, options["share_s"], options["seeds"][0])
+    return common | {"ladders": ladders, "control": control}
 
 
 STUDY = Study(

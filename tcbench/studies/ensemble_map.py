@@ -67,12 +67,12 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 def _places(scenario: Scenario, options: Mapping[str, Any]) -> list[tuple[tuple[float, float], float, dict[str, str]]]:
     """Each place of a row of the map: (low, high) along x, the step, and the ranges of its scenarios."""
     x, y = family_axes(scenario, options)
-    found = []
+    places = []
     for along in bins(x):
         spans = {x.name: along, y.name: bins(y)[options["row"]]}
         dt = spans.pop("dt", (scenario.dt, scenario.dt))[0]
-        found.append((along, dt, {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}))
-    return found
+        places.append((along, dt, {axis: f"{low!r}:{high!r}" for axis, (low, high) in spans.items()}))
+    return places
 
 
 def drawn(scenario: Scenario, options: Row) -> list[str]:

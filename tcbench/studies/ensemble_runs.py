@@ -51,9 +51,9 @@ def outcome(integrator: Integrator, run: Trajectory) -> tuple[str, str]:
     """Kind of failure, one of KINDS, and the sentence; a run that ended well and broke a claimed law has failed too."""
     if run.status == "exception":
         return "exception", run.failure
-    found = outcome_of(run)
-    if not found.ok:
-        return found.kind, found.failure
+    end = outcome_of(run)
+    if not end.ok:
+        return end.kind, end.failure
     lost = [law for law, is_broken in broken(run).items() if is_broken and law in integrator.claims]
     return ("law", f"{', '.join(lost)} not kept") if lost else ("ok", "")
 
@@ -66,15 +66,15 @@ def laws(run: Trajectory) -> dict[str, float]:
     """
     error = run.summary.energy_error_max
     within = error * run.scenario.initial_exergy <= run.scenario.energy_round_off
-    found = {"energy": 0.0 if within else error, "entropy": max(0.0, -run.summary.entropy_increment_min)}
+    losses = {"energy": 0.0 if within else error, "entropy": max(0.0, -run.summary.entropy_increment_min)}
     model = run.scenario.model
     if not isinstance(model, ElementSystem):
-        least = dict(zip(model.invariant_names, model.law_magnitudes[2:].tolist(), strict=True))
-        sizes = {name: max(least[name], abs(float(values[0]))) for name, values in run.invariants.items()}
-        return found | {name: error / sizes[name] for name, error in run.summary.invariant_error_max.items()}
+        magnitudes = dict(zip(model.invariant_names, model.law_magnitudes[2:].tolist(), strict=True))
+        sizes = {name: max(magnitudes[name], abs(float(values[0]))) for name, values in run.invariants.items()}
+        return losses | {name: error / sizes[name] for name, error in run.summary.invariant_error_max.items()}
     start = model.state(run.z[0])
     size = float(np.linalg.norm(start.q) * np.linalg.norm(start.p)) or 1.0
-    return found | {name: error / size for name, error in run.summary.invariant_error_max.items()}
+    return losses | {name: error / size for name, error in run.summary.invariant_error_max.items()}
 
 
 def broken(run: Trajectory) -> dict[str, bool]:
@@ -187,11 +187,11 @@ def run_once(integrator: Integrator, scenario: Scenario, value: float) -> Row:
         run = simulate(integrator, scenario, value, record_every=None)
         (kind, sentence), seconds, z = outcome(integrator, run), run.wall_time_s, run.z[-1]
     else:
-        found = solved(integrator, scenario, [0.0, scenario.t_end], value)
-        kind, sentence, seconds, z = "ok", found.failure[:200], found.seconds, None
-        if found.failure:
-            kind = "solver" if found.status == "nonconverged" else found.status
-        elif not (np.isfinite(z := np.asarray(found.states[-1], dtype=float)).all() and moved(z) <= scenario.bound):
+        solution = solved(integrator, scenario, [0.0, scenario.t_end], value)
+        kind, sentence, seconds, z = "ok", solution.failure[:200], solution.seconds, None
+        if solution.failure:
+            kind = "solver" if solution.status == "nonconverged" else solution.status
+        elif not (np.isfinite(z := np.asarray(solution.states[-1], dtype=float)).all() and moved(z) <= scenario.bound):
             kind, sentence = "physical", "the end state is not finite, or beyond the exergy bound"
     row: Row = {"kind": KINDS.index(kind), "time_s": seconds, "repeats": 1}
     row |= {"sentence": sentence} if sentence else {}

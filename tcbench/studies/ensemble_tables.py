@@ -92,15 +92,15 @@ def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
     """Every table of the study; of several ensembles (families, or their ranges) one below the other."""
     import pandas as pd
 
-    found: dict[str, list[DataFrame]] = {}
+    parts_of: dict[str, list[DataFrame]] = {}
     for name in dict.fromkeys(record["ensemble"] for record in records):
         here = sorted((r for r in records if r["ensemble"] == name), key=lambda r: (r["integrator"], r["seeds"][0]))
         first = min(r["seeds"][0] for r in here)
         for table, frame in _one_ensemble(here).items():
             if len(frame):
                 frame.insert(0, "ensemble", name)
-                found.setdefault(table, []).append(frame.assign(first_seed=first))
-    frames = {table: pd.concat(parts, ignore_index=True) for table, parts in found.items()}
+                parts_of.setdefault(table, []).append(frame.assign(first_seed=first))
+    frames = {table: pd.concat(parts, ignore_index=True) for table, parts in parts_of.items()}
     if "failure_share" in frames:
         frames["failure_share"] = frames["failure_share"].reindex(columns=FAILURES.names)
     return frames
@@ -109,14 +109,14 @@ def tables(records: Sequence[Row]) -> dict[str, DataFrame]:
 def _one_ensemble(records: Sequence[Row]) -> dict[str, DataFrame]:
     import pandas as pd
 
-    known, runs = scenario_rows(records), pd.DataFrame([*run_rows(records)])
+    members, runs = scenario_rows(records), pd.DataFrame([*run_rows(records)])
     rows: dict[str, Any] = {"failure_share": share_rows(runs), "ensemble_laws": law_rows(runs)}
-    if len(rungs := pd.DataFrame([*rung_rows(records, known)])):
-        rungs["good"] = rungs["seed"].isin(usable(known, "state", MIDDLE, known))
+    if len(rungs := pd.DataFrame([*rung_rows(records, members)])):
+        rungs["good"] = rungs["seed"].isin(usable(members, "state", MIDDLE, members))
         rows |= {"ensemble_accuracy": accuracy_rows(rungs), "ensemble_points": point_rows(rungs),
-                 "performance_profile": profile_rows(records, rungs, known)}  # fmt: skip
-    rows["ensemble_scenarios"] = [{k: v for k, v in row.items() if k != "state"} for row in known.values()]
-    return {name: pd.DataFrame(found) for name, found in rows.items()}
+                 "performance_profile": profile_rows(records, rungs, members)}  # fmt: skip
+    rows["ensemble_scenarios"] = [{k: v for k, v in row.items() if k != "state"} for row in members.values()]
+    return {name: pd.DataFrame(table) for name, table in rows.items()}
 
 
 # -- failures and laws
@@ -137,30 +137,30 @@ def run_rows(records: Sequence[Row]) -> Iterator[Row]:
                     kind = KINDS[row["kinds"][i]] if "kinds" in row else gone
                     of_laws = {f"law.{name}": values[i] for name, values in row.get("laws", {}).items()}
                     of_laws |= {f"broken.{name}": values[i] for name, values in row.get("broken", {}).items()}
-                    told = {"control": "dt", "value": row["dt"], "seed": seed, "kind": kind, "sentence": sentence}
-                    yield common | told | of_laws
+                    facts = {"control": "dt", "value": row["dt"], "seed": seed, "kind": kind, "sentence": sentence}
+                    yield common | facts | of_laws
         elif record["part"] == "timings" and record.get("control") == "tolerance":
             for seed, rungs in zip(seeds, record["ladders"], strict=True):
                 for rung in rungs:  # laws of those that were observed
                     of_laws = {f"law.{name}": value for name, value in rung.get("laws", {}).items()}
                     of_laws |= {f"broken.{name}": value for name, value in rung.get("broken", {}).items()}
-                    told = {"control": "tolerance", "value": rung["value"], "seed": seed, "kind": KINDS[rung["kind"]]}
-                    yield common | told | {"sentence": rung.get("sentence", "")} | of_laws
+                    facts = {"control": "tolerance", "value": rung["value"], "seed": seed, "kind": KINDS[rung["kind"]]}
+                    yield common | facts | {"sentence": rung.get("sentence", "")} | of_laws
 
 
 def share_rows(runs: DataFrame) -> list[Row]:
     """Shares of failed runs with their 95 % intervals; `example`: the first failure's seed and sentence."""
     rows = []
     for (name, control, value), group in runs.groupby(["integrator", "control", "value"]) if len(runs) else ():
-        made = group[group["kind"] != "too slow"]
-        failed = made[made["kind"] != "ok"]
-        low, high = wilson(len(failed), len(made))
+        begun = group[group["kind"] != "too slow"]
+        failed = begun[begun["kind"] != "ok"]
+        low, high = wilson(len(failed), len(begun))
         first = failed.loc[failed["seed"].idxmin()] if len(failed) else None
         rows.append(
-            {"integrator": name, control: value, "runs": len(made), "failed": len(failed)}
-            | {"share": len(failed) / len(made) if len(made) else math.nan, "low": low, "high": high}
+            {"integrator": name, control: value, "runs": len(begun), "failed": len(failed)}
+            | {"share": len(failed) / len(begun) if len(begun) else math.nan, "low": low, "high": high}
             | {kind: int((failed["kind"] == kind).sum()) for kind in (*FAILED, LOST)}
-            | {"too slow": len(group) - len(made)}
+            | {"too slow": len(group) - len(begun)}
             | {"example": "" if first is None else f"seed {first['seed']}: {first['sentence']}"}
         )
     return rows
@@ -198,17 +198,17 @@ def scenario_rows(records: Sequence[Row]) -> dict[int, Row]:
     rows: dict[int, Row] = {}
     for record in records:
         if record["part"] == "references":
-            for seed, found in zip(range(*record["seeds"]), record.get("references") or [], strict=False):
-                floor = math.inf if found["floor"] is None else found["floor"]
+            for seed, reference in zip(range(*record["seeds"]), record.get("references") or [], strict=False):
+                floor = math.inf if reference["floor"] is None else reference["floor"]
                 rows[seed] = {
-                    "seed": seed, "reference_gap": math.inf if found["gap"] is None else found["gap"],
-                    "lyapunov": found["lyapunov"], "solvers": 2, "floor": floor, "smallest_target": floor / USABLE,
-                    "state": found["state"],
+                    "seed": seed, "reference_gap": math.inf if reference["gap"] is None else reference["gap"],
+                    "lyapunov": reference["lyapunov"], "solvers": 2, "floor": floor, "smallest_target": floor / USABLE,
+                    "state": reference["state"],
                 }  # fmt: skip
     return rows
 
 
-def rung_rows(records: Sequence[Row], known: Mapping[int, Row]) -> Iterator[Row]:
+def rung_rows(records: Sequence[Row], members: Mapping[int, Row]) -> Iterator[Row]:
     """Each timed run with its `error` (NaN where there is no reference); of a cell that was lost a row a seed without a
     value: no method gets away with a crash."""
     for record in records:
@@ -216,7 +216,7 @@ def rung_rows(records: Sequence[Row], known: Mapping[int, Row]) -> Iterator[Row]
             continue
         seeds = range(*record["seeds"])
         for seed, rungs in zip(seeds, record.get("ladders") or [[]] * len(seeds), strict=True):
-            exact = known.get(seed, {}).get("state")
+            exact = members.get(seed, {}).get("state")
             for rung in rungs or [{"value": math.nan, "kind": 0}]:
                 error = gap(rung["state"], exact) if rung.get("state") is not None and exact is not None else math.nan
                 yield {"integrator": record["integrator"], "seed": seed, "control": record.get("control", ""),
@@ -225,23 +225,23 @@ def rung_rows(records: Sequence[Row], known: Mapping[int, Row]) -> Iterator[Row]
                        "repeats": rung.get("repeats")}  # fmt: skip
 
 
-def usable(known: Mapping[int, Row], measure: str, target: float, seeds: Iterable[int]) -> list[int]:
+def usable(members: Mapping[int, Row], measure: str, target: float, seeds: Iterable[int]) -> list[int]:
     """The scenarios of which a run in doubles can tell something at a target; an error of the energy needs none."""
     if measure == "energy":
         return list(seeds)
-    return [seed for seed in seeds if seed in known and known[seed]["floor"] <= USABLE * target]
+    return [seed for seed in seeds if seed in members and members[seed]["floor"] <= USABLE * target]
 
 
 def accuracy_rows(rungs: DataFrame) -> list[Row]:
     """Quantiles of error and time of each rung, over the scenarios with a reference good to 1e-7 (`good`)."""
     rows, scenarios = [], rungs.groupby("integrator")["seed"].nunique()
     for (name, value), group in rungs.groupby(["integrator", "value"]):
-        made = group[group["status"].ne("too slow")]
-        done = made[made["status"].eq("ok") & made["good"]]
+        begun = group[group["status"].ne("too slow")]
+        done = begun[begun["status"].eq("ok") & begun["good"]]
         rows.append(
             {"integrator": name, "control": group["control"].iloc[0], "value": value, "runs": len(done),
-             "without_reference": int((~made["good"]).sum()), "failed": int(made["status"].ne("ok").sum()),
-             "not_begun": int(scenarios[name]) - len(made)}
+             "without_reference": int((~begun["good"]).sum()), "failed": int(begun["status"].ne("ok").sum()),
+             "not_begun": int(scenarios[name]) - len(begun)}
             | {f"{column}_{label}{ending}": quantile(done[key].to_numpy(float), q)
                for column, key, ending in (("error", "error", ""), ("time", "wall_time_min_s", "_s"))
                for label, q in (("10", 0.1), ("median", 0.5), ("90", 0.9))}
@@ -256,7 +256,7 @@ def point_rows(rungs: DataFrame) -> DataFrame:
     return shown[[name for name in POINTS.names if name in shown]].reset_index(drop=True)
 
 
-def profile_rows(records: Sequence[Row], rungs: DataFrame, known: Mapping[int, Row]) -> list[Row]:
+def profile_rows(records: Sequence[Row], rungs: DataFrame, members: Mapping[int, Row]) -> list[Row]:
     """Performance profiles with their bands, over common scenarios; at tau = 1 how often each method was the first."""
     names = sorted(rungs["integrator"].unique())
     methods_of = rungs.groupby("seed")["integrator"].nunique()
@@ -265,7 +265,7 @@ def profile_rows(records: Sequence[Row], rungs: DataFrame, known: Mapping[int, R
     ladders = {key: group.to_dict("records") for key, group in rungs.groupby(["seed", "integrator"])}
     profiles = []
     for measure, target in TARGETS:
-        seeds = usable(known, measure, target, common)
+        seeds = usable(members, measure, target, common)
         times = [[reach(ladders[seed, name], MEASURES[measure], target) for name in names] for seed in seeds]
         middle, low, high = profile(np.array(times).reshape(len(seeds), len(names)), np.array(TAUS))
         counts = {"runs": len(seeds), "without_reference": len(common) - len(seeds), "share_s": share_s}

@@ -87,32 +87,32 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     rows, exact = log_spaced(run.t), exact_equilibrium(scenario)
     theta, entropy = run.temperatures[rows], run.entropy[rows]
     columns: Row = {"t": run.t[rows], "entropy_gap": exact.entropy - entropy, "entropy": entropy}
-    there: Row = {"exact_entropy": exact.entropy}
+    exact_values: Row = {"exact_entropy": exact.entropy}
     if theta.shape[1]:
         columns["temperature_gap"] = np.abs(theta - exact.temperatures).max(axis=1)
-        there["exact_temperature"] = float(np.mean(exact.temperatures))
+        exact_values["exact_temperature"] = float(np.mean(exact.temperatures))
     if scenario.system is Pendulum:
         columns, more = _of_springs(run, rows, exact, columns)
-        there |= more
+        exact_values |= more
     table = [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]
-    told = summarise(run, exact, columns, there)
-    return {"status": run.status, "failure": run.failure, "rows": table, "summary": told}
+    summary = summarise(run, exact, columns, exact_values)
+    return {"status": run.status, "failure": run.failure, "rows": table, "summary": summary}
 
 
 def _of_springs(run: Trajectory, rows: Sequence[int], exact: Equilibrium, columns: Row) -> tuple[Row, Row]:
     """The columns with those of a pendulum's strains and rotation, and their values at the equilibrium."""
     model, z, theta = run.scenario.model, run.z[rows], run.temperatures[rows]
-    strains, (there,) = _strains(model, z), _strains(model, exact.z[None])
+    strains, (limit,) = _strains(model, z), _strains(model, exact.z[None])
     rate = run.invariants["angular_momentum"][rows] / (z[:, :4] ** 2 @ model.inertia())
-    radii = np.cumsum(np.exp(there) * model.natural_lengths)  # all on one line: turned a little S would be the same
+    radii = np.cumsum(np.exp(limit) * model.natural_lengths)  # all on one line: turned a little S would be the same
     exact_rate = float(run.invariants["angular_momentum"][0] / (model.masses @ radii**2))
-    gaps = columns | {"strain_gap": np.abs(strains - there).max(axis=1), "rotation_gap": np.abs(rate - exact_rate)}
-    if there.max() > DISTANT:  # a distance to springs of more than a hundred natural lengths means nothing here
+    gaps = columns | {"strain_gap": np.abs(strains - limit).max(axis=1), "rotation_gap": np.abs(rate - exact_rate)}
+    if limit.max() > DISTANT:  # a distance to springs of more than a hundred natural lengths means nothing here
         gaps |= {name: np.full(len(z), np.nan) for name in gaps if name.endswith("_gap")}
     each = {"strain": strains.T, "temperature": theta.T}
     return (
         gaps | {f"{name}_{x}": of[i] for name, of in each.items() for i, x in enumerate("ab")} | {"rate": rate},
-        {"exact_strain_a": float(there[0]), "exact_strain_b": float(there[1]), "exact_rate": exact_rate},
+        {"exact_strain_a": float(limit[0]), "exact_strain_b": float(limit[1]), "exact_rate": exact_rate},
     )
 
 
@@ -135,7 +135,7 @@ def log_spaced(t: Any) -> list[int]:
     return sorted({int(i) for i in np.rint(np.geomspace(1, len(t) - 1, TIMES))})
 
 
-def summarise(run: Trajectory, exact: Equilibrium, columns: Mapping[str, Any], there: Row) -> Row:
+def summarise(run: Trajectory, exact: Equilibrium, columns: Mapping[str, Any], exact_values: Row) -> Row:
     """One row a run: the last gaps, whether the entropy gap still falls, growth of the strains, and a sentence."""
     last = {name: float(values[-1]) for name, values in columns.items()}
     late = columns["t"] >= run.t[-1] / 10
@@ -147,9 +147,9 @@ def summarise(run: Trajectory, exact: Equilibrium, columns: Mapping[str, Any], t
         f"growth_{spring}": _slope(np.log(columns["t"][late]), columns[f"strain_{spring}"][late])
         for spring in ("ab" if "rate" in columns else "")
     }
-    found = {name: last[name] for name in columns if name.endswith("_gap")} | there | growth
-    word, note = _judged(run, exact, last | there, list(growth.values()), close)
-    return found | {"t_final": float(run.t[-1]), "equilibrium": word, "entropy_gap_falls": falls, "note": note}
+    entries = {name: last[name] for name in columns if name.endswith("_gap")} | exact_values | growth
+    word, note = _judged(run, exact, last | exact_values, list(growth.values()), close)
+    return entries | {"t_final": float(run.t[-1]), "equilibrium": word, "entropy_gap_falls": falls, "note": note}
 
 
 def _slope(x: Any, y: Any) -> float:
@@ -178,16 +178,17 @@ def _judged(
             f"At t = {t:g} the entropy is {-gap:.3g} above the largest that the initial energy allows: "
             f"the energy moved by {run.energy[-1] - run.energy[0]:.3g}."
         )
-    word, told = "approached" if close else "not reached", f"At t = {t:g} the entropy is {gap:.3g} below that of the "
+    word = "approached" if close else "not reached"
+    sentence = f"At t = {t:g} the entropy is {gap:.3g} below that of the "
     if growth:
-        return word, f"{told}relative equilibrium."
-    told += "equilibrium, the largest that was found at its energy and invariants, from many starts"
+        return word, f"{sentence}relative equilibrium."
+    sentence += "equilibrium, the largest that was found at its energy and invariants, from many starts"
     if close:
-        return word, f"{told}."
+        return word, f"{sentence}."
     model, z = run.scenario.model, run.z[-1]
     slow = float(model.entropy_gradient(z) @ model.vector_field(z)) * t < SLOW * gap
     why = "; what dissipates is too slow, or something is conserved that invariants() does not name"
-    return word, f"{told}{why if slow else ', and still rises'}."
+    return word, f"{sentence}{why if slow else ', and still rises'}."
 
 
 def tabulate(records: Sequence[Row]) -> dict[str, DataFrame]:

@@ -34,12 +34,12 @@ def spread(
     return rows
 
 
-def table_of(rows: Iterable[Mapping[str, Any]], known: Table, by: Sequence[str] = PAIR) -> DataFrame:
+def table_of(rows: Iterable[Mapping[str, Any]], schema: Table, by: Sequence[str] = PAIR) -> DataFrame:
     """The columns of the table, but for optional ones that no row has, then the others that rows have; in the order of
     the columns `by`, then as they came."""
     import pandas as pd
 
     table = pd.DataFrame(list(rows))
-    first = [name for name in known.names if name in table or not column(name, known).optional]
+    first = [name for name in schema.names if name in table or not column(name, schema).optional]
     table = table.reindex(columns=[*first, *(c for c in table.columns if c not in first)])
     return table.sort_values(list(by), kind="stable", ignore_index=True) if by else table

@@ -34,7 +34,7 @@ STEPS = tuple(0.1 / 1.3**k for k in range(10))
 ERRORS = {"rmse_q": "q", "rmse_p": "p", "rmse_entropy": "S", "rmse_energy": "E"}
 FINER = 4  # steps of the reference in one: Gauss collocation of order six
 REFERENCE = "gauss3"
-FOUND_ORDER = 0.05  # how far the slope over the ten steps may be from the order
+ORDER_MARGIN = 0.05  # how far the slope over the ten steps may be from the order
 EXACT = 1e-9  # of an area, by differences
 NUDGE = 1e-4
 LITERATURE = Table(
@@ -56,18 +56,18 @@ POINTS = Table(
 
 def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], options: Mapping[str, Any]) -> Cells:
     """A cell a pair of those that are selected; where all methods that run by themselves are, theirs as well."""
-    known = {i.name: i for i in integrators}
-    if known.keys() >= set(plugins.by_default()):
-        known |= {name: plugins.find_integrator(name) for name in ORDERS if name in plugins.present()}
+    methods = {i.name: i for i in integrators}
+    if methods.keys() >= set(plugins.by_default()):
+        methods |= {name: plugins.find_integrator(name) for name in ORDERS if name in plugins.present()}
     chosen = [s for s in scenarios if s.name.partition("[")[0] in SCENARIOS]
-    return [(known[name], s, {}) for s in chosen for name in ORDERS if name in known]
+    return [(methods[name], s, {}) for s in chosen for name in ORDERS if name in methods]
 
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     points = [errors_at(integrator, scenario, dt) for dt in STEPS]
-    found = [*orders(integrator, scenario, points)]
-    found += [area(integrator, scenario)] if scenario.model.name == "linear_oscillator" else []
-    return {"status": "ok", "findings": [x.as_dict() for x in found], "points": points}
+    findings = [*orders(integrator, scenario, points)]
+    findings += [area(integrator, scenario)] if scenario.model.name == "linear_oscillator" else []
+    return {"status": "ok", "findings": [x.as_dict() for x in findings], "points": points}
 
 
 def errors_at(integrator: Integrator, scenario: Scenario, dt: float) -> Row:
@@ -100,7 +100,7 @@ def orders(integrator: Integrator, scenario: Scenario, points: Sequence[Row]) ->
         yield LedgerRow(
             f"{integrator.name}, {scenario.name}: {name} is of order {declared}", AUTHORS, str(declared),
             f"{slope:.3f}; errors {values[0]:.3e} at h = {STEPS[0]:g} to {values[-1]:.3e} at {STEPS[-1]:.3g}",
-            abs(slope - declared) <= FOUND_ORDER, command(integrator, scenario, "literature"),
+            abs(slope - declared) <= ORDER_MARGIN, command(integrator, scenario, "literature"),
             "Slope over ten steps 0.1/1.3^k of root mean squares over a run.",
         )  # fmt: skip
     if integrator.name == "mybaby":
@@ -121,7 +121,7 @@ def _beside_ybaby(integrator: Integrator, scenario: Scenario, points: Sequence[R
 
 def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
     """The determinant of d(q, p) after a step: the same everywhere, exp(-friction h) up to the method's own factor."""
-    h, found = STEPS[0], []
+    h, areas = STEPS[0], []
     for q, p in ((2.0, 0.0), (0.5, 1.5), (-1.0, 0.3)):
 
         def step(dq: float, dp: float, q: float = q, p: float = p) -> Any:
@@ -129,8 +129,8 @@ def area(integrator: Integrator, scenario: Scenario) -> LedgerRow:
             return simulate(integrator, start, dt=h, t_end=h).z[-1][:2]
 
         slopes = [(step(*d) - step(-d[0], -d[1])) / (2 * NUDGE) for d in ((NUDGE, 0.0), (0.0, NUDGE))]
-        found.append(float(np.linalg.det(slopes)))
-    spread, decay = max(found) / min(found) - 1, -math.log(found[0]) / (scenario.constants["friction"] * h)
+        areas.append(float(np.linalg.det(slopes)))
+    spread, decay = max(areas) / min(areas) - 1, -math.log(areas[0]) / (scenario.constants["friction"] * h)
     return LedgerRow(
         f"{integrator.name}, {scenario.name}: the conformal symplectic structure is kept", AUTHORS,
         "the area of (q, p) shrinks by one factor", f"spread {spread:.1e}; factor exp(-{decay:.6f} friction h)",

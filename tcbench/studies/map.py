@@ -93,8 +93,8 @@ def varied(scenario: Scenario, name: str, value: float) -> tuple[Scenario, float
     elif base in (*start, "t_end"):
         own = np.array(getattr(scenario, base), dtype=float)
     else:
-        known = ["dt", *(["energy"] if start else []), *start, *scenario.initial, "t_end", *scenario.constants]
-        raise unknown_name("parameter of this map", base, known)
+        parameters = ["dt", *(["energy"] if start else []), *start, *scenario.initial, "t_end", *scenario.constants]
+        raise unknown_name("parameter of this map", base, parameters)
     if index and not int(index) < own.size:
         raise TcbenchError(f"{base!r} has {own.size} entries, so {name!r} does not exist; the first is {base}[0].")
     where: Any = int(index) if index and own.ndim else ...

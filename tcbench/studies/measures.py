@@ -18,6 +18,7 @@ import numpy as np
 from ..analysis.timing import solved
 from ..errors import TcbenchError
 from ..integrator import Integrator
+from ..reference.certified import gap
 from ..simulation.run import simulate
 from ..simulation.stepper import stepper
 from ..study import Cells, Row, Study, Tables
@@ -25,7 +26,7 @@ from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .base import settings
-from .convergence import groups, relative_error
+from .convergence import groups
 from .frames import table_of
 from .work_precision import errors_of
 
@@ -89,7 +90,7 @@ def path_errors(integrator: Integrator, scenario: Scenario, options: Row) -> Row
     if states is None:
         return row
     errors = [
-        relative_error(groups(scenario.model, z)["all"], groups(scenario.model, exact)["all"])
+        gap(groups(scenario.model, z)["all"], groups(scenario.model, exact)["all"])
         for z, exact in zip(states, reference.states, strict=True)
     ]
     end = errors_of(scenario, states[-1], reference.states[-1], 10.0 * float(reference.floor[-1]))
@@ -104,8 +105,8 @@ def _states(integrator: Integrator, scenario: Scenario, options: Row, times: Seq
     """(status, failure, states at the times or None): steps are as long as is asked for, or the next shorter that
     divides the times."""
     if integrator.kind == "adaptive":
-        found = solved(integrator, scenario, [0.0, *times], options["tolerance"])
-        return (found.status, found.failure, None) if found.failure else ("ok", "", np.asarray(found.states)[1:])
+        end = solved(integrator, scenario, [0.0, *times], options["tolerance"])
+        return (end.status, end.failure, None) if end.failure else ("ok", "", np.asarray(end.states)[1:])
     every = max(1, math.ceil(scenario.t_end / EIGHT / options["dt"] - 1e-9))
     run = simulate(integrator, scenario, dt=scenario.t_end / (EIGHT * every), record_every=every)
     return run.status, run.failure, run.z[1:] if run.ok else None
@@ -206,8 +207,8 @@ def energy_growth(integrator: Integrator, scenario: Scenario, options: Row) -> R
     gap = np.abs(run.energy - run.energy[0]) / scenario.initial_exergy
     ends = [LONG // 2**k for k in range(OCTAVES, -1, -1)]
     sizes = [float(np.sqrt(np.mean(gap[a:b] ** 2))) for a, b in itertools.pairwise(ends)]
-    known = min(sizes) > 0
-    slope = float(np.polyfit(np.log(ends[1:]), np.log(sizes), 1)[0]) if known else math.nan
+    grows = min(sizes) > 0
+    slope = float(np.polyfit(np.log(ends[1:]), np.log(sizes), 1)[0]) if grows else math.nan
     return {"energy_growth_exponent": slope, "energy_growth_end": sizes[-1]}
 
 

@@ -72,13 +72,13 @@ def _group(row: Row) -> tuple[str, str]:
 def distance(row: Row, finest: Row) -> Row:
     """The largest distance at the end of nodes that both meshes have at the start, and how many these are."""
     size = np.ptp(np.asarray(finest["start"], dtype=float), axis=0).max()
-    end, there = ({tuple(k): x for k, x in zip((np.round(np.asarray(r["start"]) / size, DIGITS) + 0.0).tolist(),
-                                               np.asarray(r["end"], dtype=float), strict=True)}
-                  for r in (row, finest))  # fmt: skip
-    common = end.keys() & there.keys()
+    places = (np.round(np.asarray(r["start"]) / size, DIGITS) + 0.0 for r in (row, finest))
+    ends = (np.asarray(r["end"], dtype=float) for r in (row, finest))
+    mine, theirs = (dict(zip(map(tuple, of.tolist()), end, strict=True)) for of, end in zip(places, ends, strict=True))
+    common = mine.keys() & theirs.keys()
     if not common:
         return {"common_nodes": 0, "failure": "no node stands where one of the finest mesh does at the start"}
-    return {"mesh_error": max(float(np.linalg.norm(end[k] - there[k])) for k in common), "common_nodes": len(common)}
+    return {"mesh_error": max(float(np.linalg.norm(mine[k] - theirs[k])) for k in common), "common_nodes": len(common)}
 
 
 STUDY = Study(

@@ -20,7 +20,7 @@ from ..simulation.trajectory import Trajectory
 from ..systems.scenario import Scenario
 
 CONSERVED = 1e-10  # over the whole horizon: round-off of some thousand steps
-FOUND_ORDER = 0.03  # how far a measured order may be from the stated one
+ORDER_MARGIN = 0.03  # how far a measured order may be from the stated one
 NEAR_ZERO = 10.0  # a temperature that "tends to zero" falls below this; all start near 300
 IN_TIME = 0.2  # "at t = 12" is within a fifth of it
 TURNS = 3  # that make an oscillation: there, back and there again
@@ -84,10 +84,10 @@ def order(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     from .convergence import measure
 
     fits = {row["variable"]: row for row in measure(integrator, scenario, {})["orders"]}
-    found = {name: fits[name]["order"] for name in ("q", "p", "s")}
+    orders = {name: fits[name]["order"] for name in ("q", "p", "s")}
     declared = integrator.order or 0
-    agrees = all(abs(value - declared) <= FOUND_ORDER for value in found.values())
-    values = ", ".join(f"{name} {value:.3f}" for name, value in found.items())
+    agrees = all(abs(value - declared) <= ORDER_MARGIN for value in orders.values())
+    values = ", ".join(f"{name} {value:.3f}" for name, value in orders.items())
     yield LedgerRow(
         f"{integrator.name} is of order {declared}", "section 6", f"{declared} in q, p and s", values, agrees,
         theorems.command(integrator, scenario, "convergence"),
@@ -115,8 +115,8 @@ def sub_steps(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]
     """That each part of a splitting has both laws, not only their composition."""
     from .measures import SUBSTEPS, substep_laws
 
-    found = substep_laws(integrator, scenario, {"dt": scenario.dt})
-    lost, fell = found["substep_energy_error_max"], found["substep_entropy_fall_max"]
+    losses = substep_laws(integrator, scenario, {"dt": scenario.dt})
+    lost, fell = losses["substep_energy_error_max"], losses["substep_entropy_fall_max"]
     yield LedgerRow(
         f"{integrator.name}, {scenario.name}: every sub-step keeps energy and lowers no entropy", "Theorems 2 and 4",
         "|E1 - E0|/V0 = 0, no fall of S", f"{lost:.1e}, {fell:.1e} over {SUBSTEPS} steps of each",
@@ -158,12 +158,12 @@ def _swing(values: Any) -> float:
 
 def _turns(values: Any) -> int:
     """How often a sequence turns, between rising and falling, by more than SEEN of its range: what a figure shows."""
-    least, turns, direction, extreme = SEEN * _swing(values), 0, 0, values[0]
+    threshold, turns, direction, extreme = SEEN * _swing(values), 0, 0, values[0]
     for value in values[1:]:
         move = value - extreme
-        if move * direction > 0 or (direction == 0 and abs(move) > least):  # onwards
+        if move * direction > 0 or (direction == 0 and abs(move) > threshold):  # onwards
             direction, extreme = (1 if move > 0 else -1), value
-        elif abs(move) > least and direction:
+        elif abs(move) > threshold and direction:
             direction, extreme, turns = -direction, value, turns + 1
     return turns
 
@@ -171,7 +171,7 @@ def _turns(values: Any) -> int:
 def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
     swing, turns, falls = _swing(run.energy), _turns(run.energy), run.summary.second_law_violations
-    least = least_production(scenario)
+    rate = least_production(scenario)
     yield LedgerRow(
         f"{integrator.name}: E oscillates in example 1", "section 6, example 1", "visible oscillation of E",
         f"E between {run.energy.min():.2f} and {run.energy.max():.2f}, visible turns: {turns}",
@@ -182,7 +182,7 @@ def entropy_rule_oscillates(integrator: Integrator, scenario: Scenario) -> Itera
     yield LedgerRow(
         f"{integrator.name}: S oscillates in example 1", "section 6, example 1", "S falls at times",
         f"S falls in {falls} of {run.steps} steps, least increment {run.summary.entropy_increment_min:.1e}",
-        falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
+        falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(rate), impossible=rate >= 0,
     )  # fmt: skip
 
 
@@ -192,22 +192,22 @@ def least_production(scenario: Scenario) -> float:
     return float(scenario.model.conduction(theta).sum(axis=0).min())
 
 
-def _cannot_fall(least: float) -> str:
+def _cannot_fall(rate: float) -> str:
     return (
         "By (A2) a step adds h kappa (theta_b/theta_a + theta_a/theta_b - 2) at midpoint temperatures to S; "
-        f"over 10,000 random positive temperatures the least rate is {least:.1e}, so S cannot fall."
+        f"over 10,000 random positive temperatures the least rate is {rate:.1e}, so S cannot fall."
     )
 
 
 def entropy_rule_fails(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.5)
     plain, _ = _simulate(integrator, scenario, dt=0.5, continuation=False)
-    found_by = "Newton's iteration from the old state" if plain.ok else "continuation in h"
+    finder = "Newton's iteration from the old state" if plain.ok else "continuation in h"
     yield LedgerRow(
         f"{integrator.name} fails after 5 steps of h = 0.5 in example 1", "section 6, example 1",
         "no solution after 5 steps", f"{_outcome(run)}; plain Newton from z0: {_outcome(plain)}",
         not run.ok and 4 <= run.steps <= 6, command,
-        yes=run.failure, no=f"Every step has a root, which {found_by} finds." if run.ok else run.failure,
+        yes=run.failure, no=f"Every step has a root, which {finder} finds." if run.ok else run.failure,
     )  # fmt: skip
 
 
@@ -228,7 +228,7 @@ def temperature_rule_fails(integrator: Integrator, scenario: Scenario) -> Iterat
 
 def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> Iterator[LedgerRow]:
     run, command = _simulate(integrator, scenario, dt=0.3)
-    least, falls = least_production(scenario), run.summary.second_law_violations
+    rate, falls = least_production(scenario), run.summary.second_law_violations
     moved, coldest = run.energy[-1] - run.energy[0], float(run.temperatures.min())
     yield LedgerRow(
         f"{integrator.name}: E falls and temperatures tend to zero in example 2", "section 6, example 2",
@@ -241,7 +241,7 @@ def entropy_rule_decays(integrator: Integrator, scenario: Scenario) -> Iterator[
     yield LedgerRow(
         f"{integrator.name}: S falls in example 2", "section 6, example 2", "S falls",
         f"S {run.entropy[0]:.4f} -> {run.entropy[-1]:.4f}, falls in {falls} of {run.steps} steps",
-        falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(least), impossible=least >= 0,
+        falls > 0, command, yes=f"S falls in {falls} steps.", no=_cannot_fall(rate), impossible=rate >= 0,
     )  # fmt: skip
 
 
@@ -249,17 +249,17 @@ def reaches_equilibrium(integrator: Integrator, scenario: Scenario) -> Iterator[
     """That strains settle by t_end: with the printed data, and with data that bind the masses."""
     from .equilibrium import measure
 
-    found = measure(integrator, scenario, {"dt": scenario.dt})["summary"]
-    growth = (found["growth_a"], found["growth_b"])
+    summary = measure(integrator, scenario, {"dt": scenario.dt})["summary"]
+    growth = (summary["growth_a"], summary["growth_b"])
     measured = f"strains grow by {growth[0]:.2f} and {growth[1]:.2f} per unit of ln t"
-    if found["equilibrium"] != "distant":
-        measured = f"entropy gap {found['entropy_gap']:.1e}, strain gap {found['strain_gap']:.1e}"
-    where = "example 2" if found["equilibrium"] == "distant" else "qualitative"
+    if summary["equilibrium"] != "distant":
+        measured = f"entropy gap {summary['entropy_gap']:.1e}, strain gap {summary['strain_gap']:.1e}"
+    where = "example 2" if summary["equilibrium"] == "distant" else "qualitative"
     yield LedgerRow(
         f"{integrator.name}: a relative equilibrium is reached by t = {scenario.t_end:g} ({scenario.name})",
-        f"section 6, {where}", "strains settle", measured, found["equilibrium"] == "approached",
+        f"section 6, {where}", "strains settle", measured, summary["equilibrium"] == "approached",
         theorems.command(integrator, scenario, "equilibrium"),
-        yes=found["note"], no=found["note"],
+        yes=summary["note"], no=summary["note"],
     )  # fmt: skip
 
 

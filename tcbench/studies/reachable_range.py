@@ -23,12 +23,12 @@ from .frames import table_of
 
 FACTORS = tuple(2.0**k for k in range(4, -4, -1))  # of the scenario's own step
 WITHIN = 0.1
-TOLD = ("range_left", "theta_min", "theta_min_exact", "theta_max", "theta_max_exact", "error_theta", "t_compared")
+MEASURED = ("range_left", "theta_min", "theta_min_exact", "theta_max", "theta_max_exact", "error_theta", "t_compared")
 RANGES = Table(
     "reachable_range",
     (
         "integrator", "scenario", "dt", "tolerance", "status",
-        *(CONSERVATION.column(name) or name for name in TOLD), "failure",
+        *(CONSERVATION.column(name) or name for name in MEASURED), "failure",
     ),
     key=("dt", "tolerance"),
     long=True,
@@ -55,8 +55,8 @@ def plan(integrators: Sequence[Integrator], scenarios: Sequence[Scenario], optio
 
 def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     run = simulate(integrator, scenario, **options)
-    found = errors_against_exact(run)
-    return {"status": run.status, "failure": run.failure} | {name: found[name] for name in TOLD if name in found}
+    errors = errors_against_exact(run)
+    return {"status": run.status, "failure": run.failure} | {name: errors[name] for name in MEASURED if name in errors}
 
 
 def tabulate(records: Sequence[Row]) -> Tables:

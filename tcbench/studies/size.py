@@ -83,17 +83,17 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
     before = peak_memory()
     with no_kernels():
         first, run = _seconds(integrator, scenario, dt, dt)
-        found = {"family": scenario.system.name, "numbers": numbers, "first_step_s": first}
+        row = {"family": scenario.system.name, "numbers": numbers, "first_step_s": first}
         if run.ok:
             steps = max(FEWEST, min(MOST, WORK // numbers))
             one = min(_seconds(integrator, scenario, dt, dt)[0] for _ in range(REPEATS))
             many = [_seconds(integrator, scenario, dt, dt * steps) for _ in range(REPEATS)]
             run = many[-1][1]
-            found["us_per_step"] = 1e6 * (min(seconds for seconds, _ in many) - one) / (steps - 1)
+            row["us_per_step"] = 1e6 * (min(seconds for seconds, _ in many) - one) / (steps - 1)
     if integrator.kind == "flows":
         flows = compiled_flows(integrator.flows, scenario.model.symbolic)
-        found["us_foreseen"] = 1e6 * seconds_a_step(flows)
-    return metrics.conservation(run) | found | {"way": run.solver.way, "memory_mb": peak_memory() - before}
+        row["us_foreseen"] = 1e6 * seconds_a_step(flows)
+    return metrics.conservation(run) | row | {"way": run.solver.way, "memory_mb": peak_memory() - before}
 
 
 def _seconds(integrator: Integrator, scenario: Scenario, dt: float, t_end: float) -> tuple[float, Trajectory]:

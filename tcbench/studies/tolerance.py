@@ -56,8 +56,8 @@ def bought(records: Sequence[Row]) -> list[Row]:
         row = {"integrator": r["integrator"], "scenario": r["scenario"]}
         points = [{FLOOR: r.get(FLOOR)} | p for p in r.get("points") or []]  # coarse to fine
         if r.get("control") == "rtol":
-            known = {p["value"]: p.get("error") for p in points if p.get("status") == "ok"}
-            near = {t: next((as_float(e) for v, e in known.items() if math.isclose(v, t)), math.nan)
+            error_of = {p["value"]: p.get("error") for p in points if p.get("status") == "ok"}
+            near = {t: next((as_float(e) for v, e in error_of.items() if math.isclose(v, t)), math.nan)
                     for t in TOLERANCES_BOUGHT}  # fmt: skip
             row |= {f"over_{t:.0e}".replace("-0", "-"): e / t for t, e in near.items()}
         elif points and r.get("control") == "dt":
@@ -99,11 +99,11 @@ def measure(integrator: Integrator, scenario: Scenario, options: Row) -> Row:
         begin = time.process_time()
         how: Row = {"tolerance": value, "times": [0.0, t_end]} if adaptive else {"dt": value, "record_every": None}
         run = simulate(integrator, scenario, **how)
-        found = errors_of(scenario, run.z[-1] if run.ok else None, exact, HIDES * floor)
+        errors = errors_of(scenario, run.z[-1] if run.ok else None, exact, HIDES * floor)
         points.append({
-            "value": value, "status": run.status, "failure": run.failure, "error": found["error"],
-            "over_tolerance": found["error"] / value if adaptive else math.nan,
-            "energy_error_max": run.summary.energy_error_max, "reference_limited": found["reference_limited"],
+            "value": value, "status": run.status, "failure": run.failure, "error": errors["error"],
+            "over_tolerance": errors["error"] / value if adaptive else math.nan,
+            "energy_error_max": run.summary.energy_error_max, "reference_limited": errors["reference_limited"],
             "steps": run.steps,
         })  # fmt: skip
         if len(points) > 1 and time.process_time() - begin > SLOW_S:  # the first one compiles

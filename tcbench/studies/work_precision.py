@@ -21,6 +21,7 @@ import numpy as np
 
 from ..analysis.timing import solved, timed
 from ..integrator import Integrator
+from ..reference.certified import gap
 from ..simulation import shared_runs
 from ..simulation.metrics import evaluations, inner_steps_mean, invariant_errors, newton_iterations
 from ..simulation.run import simulate
@@ -28,7 +29,7 @@ from ..study import Cells, Row, Study, Tables
 from ..systems.scenario import Scenario
 from ..table import Column, Table
 from .columns import shared
-from .convergence import groups, relative_error
+from .convergence import groups
 from .cost import HIDES, TARGETS, TO_ACCURACY, reached_error, time_to_accuracy
 from .frames import spread, table_of
 
@@ -149,8 +150,8 @@ def horizon(scenario: Scenario) -> float:
     """Where errors are measured."""
     from ..reference.lookup import stored_for
 
-    known = stored_for(scenario)
-    times = [t for t in known.times if t <= min(LONGEST, scenario.t_end)] if known else []
+    stored = stored_for(scenario)
+    times = [t for t in stored.times if t <= min(LONGEST, scenario.t_end)] if stored else []
     return float(max(times, default=min(UNSTORED, scenario.t_end)))
 
 
@@ -188,10 +189,10 @@ def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> C
 
     def run(first: bool) -> tuple[Row, float]:
         if first:
-            known = shared_runs.reads()
+            reads = shared_runs.reads()
             result = simulate(integrator, scenario, tolerance=tolerance)
             work = shared_runs.work_s()
-            if shared_runs.reads() > known and result.ok:  # nothing has been loaded or compiled
+            if shared_runs.reads() > reads and result.ok:  # nothing has been loaded or compiled
                 integrator.adaptive(model, z0.copy(), start, tolerance, tolerance)  # type: ignore[misc]
             seen.update(
                 status=result.status, failure=result.failure, energy_error_max=result.summary.energy_error_max,
@@ -199,14 +200,15 @@ def _adaptive(integrator: Integrator, scenario: Scenario, tolerance: float) -> C
                 first_s=work, **invariant_errors(result),
             )  # fmt: skip
             return seen, 0.0
-        found = solved(integrator, scenario, ends, tolerance)
-        if found.failure:
-            return seen | {"status": found.status, "failure": found.failure}, 0.0
-        end, counts = np.asarray(found.states[-1], dtype=float), found.counts
+        solution = solved(integrator, scenario, ends, tolerance)
+        if solution.failure:
+            return seen | {"status": solution.status, "failure": solution.failure}, 0.0
+        end, counts = np.asarray(solution.states[-1], dtype=float), {**solution.counts}
         left = abs(model.energy(end) - model.energy(z0)) / scenario.initial_exergy
-        told = {"evaluations": counts["rhs_evaluations"]} if "rhs_evaluations" in counts else {}
+        if "rhs_evaluations" in counts:
+            counts["evaluations"] = counts["rhs_evaluations"]
         ended = {"state": end, "energy_error_max": max(seen["energy_error_max"], left)}
-        return seen | counts | told | ended, found.seconds
+        return seen | counts | ended, solution.seconds
 
     return run
 
@@ -217,17 +219,17 @@ def _make_laws(integrator: Integrator, scenario: Scenario) -> int:
         return 0
     with shared_runs.unshared():  # and whatever that loads
         simulate(integrator, scenario, t_end=WARM * scenario.t_end, tolerance=TOLERANCES[0])
-    made, slow = 0, list[bool]()
-    while made < len(TOLERANCES) and not any(slow) and len(slow) < SLOW_FAILURES:
-        run = simulate(integrator, scenario, tolerance=TOLERANCES[made])
+    count, slow = 0, list[bool]()
+    while count < len(TOLERANCES) and not any(slow) and len(slow) < SLOW_FAILURES:
+        run = simulate(integrator, scenario, tolerance=TOLERANCES[count])
         seconds = shared_runs.work_s()  # however busy the machine is
-        if made == 0 and run.ok and seconds < QUICK_S:
+        if count == 0 and run.ok and seconds < QUICK_S:
             for tolerance in TOLERANCES:  # all that there is to leave is what was compiled
                 solved(integrator, scenario, [0.0, WARM * scenario.t_end], tolerance)
             break
         slow += [run.ok] if seconds > SLOW_S else []
-        made += 1
-    return made
+        count += 1
+    return count
 
 
 def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
@@ -236,8 +238,8 @@ def errors_of(scenario: Scenario, state: Any, exact: Any, floor: float) -> Row:
     names = {"error": "all", **{f"error_{name}": name for name in right if name != "all"}}
     if state is None:
         return dict.fromkeys([*names, PRODUCED], math.nan) | {"reference_limited": False}
-    found = groups(scenario.model, state)
-    errors = {name: relative_error(found[key], right[key]) for name, key in names.items()}
+    parts = groups(scenario.model, state)
+    errors = {name: gap(parts[key], right[key]) for name, key in names.items()}
     limited = errors["error"] <= floor
     errors[PRODUCED] = produced_error(scenario, state, exact)
     return {name: e if e > floor else math.nan for name, e in errors.items()} | {"reference_limited": limited}
@@ -248,10 +250,10 @@ def produced_error(scenario: Scenario, state: Any, exact: Any) -> float:
 
     Both laws may hold to round-off while this is wrong: a consistent method that rings produces too little.
     """
-    start, found, right = (scenario.model.entropy(z) for z in (scenario.z0, state, exact))
-    made = right - start
-    least = LEAST_PRODUCED * max(scenario.model.entropy_magnitude, abs(right))
-    return abs(found - right) / made if made > least else math.nan
+    start, entropy, right = (scenario.model.entropy(z) for z in (scenario.z0, state, exact))
+    produced = right - start
+    smallest = LEAST_PRODUCED * max(scenario.model.entropy_magnitude, abs(right))
+    return abs(entropy - right) / produced if produced > smallest else math.nan
 
 
 def tabulate(records: Sequence[Row]) -> Tables:
