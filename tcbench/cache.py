@@ -59,22 +59,22 @@ def root() -> Path:
 @functools.cache
 def sources(package: str) -> str:
     """Hash of the files of a package, as they are when it is first asked for: part of the keys of what they make."""
-    found = hashlib.sha256()
+    sha = hashlib.sha256()
     for path in sorted(Path(str(sys.modules[package].__file__)).parent.rglob("*.py")):
-        found.update(path.name.encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()
+        sha.update(path.name.encode() + b"\0" + path.read_bytes())
+    return sha.hexdigest()
 
 
 def limit() -> int:
     """Bytes that the cache may hold: $TCBENCH_CACHE_LIMIT, in MiB, or 512 MiB."""
     asked = os.environ.get(LIMIT, "")
     try:
-        found = float(asked or MEBIBYTES)
+        mebibytes = float(asked or MEBIBYTES)
     except ValueError:
-        found = -1.0
-    if not 0 <= found < float("inf"):
+        mebibytes = -1.0
+    if not 0 <= mebibytes < float("inf"):
         raise TcbenchError(f"{LIMIT} is {asked!r}; it takes a number of MiB, {MEBIBYTES} by default.")
-    return int(found * 2**20)
+    return int(mebibytes * 2**20)
 
 
 _TRUSTED: set[Path] = set()
@@ -92,25 +92,25 @@ def folder(part: str) -> Path:
             if not path.exists():
                 path.mkdir(mode=0o700, parents=True, exist_ok=True)
                 path.chmod(0o700)  # whatever the umask
-            found = path.stat()
+            state = path.stat()
         except OSError as error:
             raise MachineError(f"{name} cannot be made: {error.strerror or error}. Make it, {CURE}") from None
-        if not stat.S_ISDIR(found.st_mode):
+        if not stat.S_ISDIR(state.st_mode):
             raise MachineError(f"{name} is no folder: remove it, {CURE}")
-        if not _is_own(found):
+        if not _is_own(state):
             raise MachineError(f"{name} belongs to another user and is not trusted: {CURE[3:]}")
-        if hasattr(os, "getuid") and found.st_mode & 0o022:
-            told = f"Other users may write to the cache folder {str(path)!r}, so that it is not trusted"
-            raise MachineError(f"{told}: chmod go-w {str(path)!r}, {CURE}")
+        if hasattr(os, "getuid") and state.st_mode & 0o022:
+            distrust = f"Other users may write to the cache folder {str(path)!r}, so that it is not trusted"
+            raise MachineError(f"{distrust}: chmod go-w {str(path)!r}, {CURE}")
         if not os.access(path, os.W_OK | os.X_OK):
             raise MachineError(f"{name} cannot be written: allow it, {CURE}")
     _TRUSTED.add(here)
     return here
 
 
-def _is_own(found: os.stat_result) -> bool:
+def _is_own(state: os.stat_result) -> bool:
     """On Windows the user's folder is the user's."""
-    return not hasattr(os, "getuid") or found.st_uid == os.getuid()
+    return not hasattr(os, "getuid") or state.st_uid == os.getuid()
 
 
 def _sealed(name: str, content: bytes) -> bytes:
@@ -122,10 +122,10 @@ def read(part: str, name: str) -> bytes | None:
     """The content of a file; None if it is missing, damaged, or not this user's alone to write."""
     path = folder(part) / name
     try:
-        found = path.stat()
-        alone = _is_own(found) and not (hasattr(os, "getuid") and found.st_mode & 0o022)
-        data = path.read_bytes() if alone and stat.S_ISREG(found.st_mode) else b""
-        if time.time() - found.st_mtime > USED_S:
+        state = path.stat()
+        alone = _is_own(state) and not (hasattr(os, "getuid") and state.st_mode & 0o022)
+        data = path.read_bytes() if alone and stat.S_ISREG(state.st_mode) else b""
+        if time.time() - state.st_mtime > USED_S:
             os.utime(path)
     except OSError:
         return None
@@ -169,7 +169,7 @@ def kept(part: str, name: str, make: Callable[[], bytes]) -> bytes:
 
 def usage() -> Usage:
     """Where the cache is, what it holds, and what it may hold."""
-    sizes = [found.st_size for _, found in _listed(FILES)]
+    sizes = [state.st_size for _, state in _listed(FILES)]
     return Usage(root(), len(sizes), sum(sizes), limit())
 
 
@@ -191,9 +191,9 @@ def prune() -> None:
     for path, state in _listed(HALF_WRITTEN):
         if time.time() - state.st_mtime > USED_S:
             _remove(path)
-    found = sorted(_listed(FILES), key=lambda one: one[1].st_mtime)
-    total, most = sum(state.st_size for _, state in found), limit()
-    for path, state in found if total > most else ():
+    files = sorted(_listed(FILES), key=lambda one: one[1].st_mtime)
+    total, most = sum(state.st_size for _, state in files), limit()
+    for path, state in files if total > most else ():
         if total <= KEPT_SHARE * most:
             break
         _remove(path)

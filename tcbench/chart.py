@@ -144,10 +144,10 @@ class Row:
     def __post_init__(self) -> None:
         for mark, places in self.marks.items():
             if mark not in MARKS or not several(places):
-                told = f"{{{shown(mark)}: {shown(places)}}}"
+                pair = f"{{{shown(mark)}: {shown(places)}}}"
                 raise TcbenchError(
                     f"Row {self.name!r}: marks are numbers by their mark, {{'o': [0.1]}}, one of {' '.join(MARKS)}, "
-                    f"not {told}."
+                    f"not {pair}."
                 )
 
 

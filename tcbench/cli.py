@@ -42,12 +42,12 @@ def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
     The function below says what is done, for --help. Every command has --json, the last of its options.
     """
 
-    def decorated(told: Callable[[], None]) -> Callable[..., None]:
-        @functools.wraps(told)
+    def decorated(described: Callable[[], None]) -> Callable[..., None]:
+        @functools.wraps(described)
         def does(**options: Any) -> None:
             if (
                 place.startswith("simulate") and "numpy" not in sys.modules
-            ):  # threads would take longer to start than its run
+            ):  # its threads take longer to start than a run
                 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
             if code := pkgutil.resolve_name(f"{__package__}.commands.{place}")(**options):
                 sys.exit(code)

@@ -112,11 +112,11 @@ def expect(where: str, values: Mapping[str, Any], kinds: Mapping[str, str]) -> N
 
     kinds : argument -> names of KINDS, alternatives joined by " or "; "nothing" is None.
     """
-    for name, told in kinds.items():
+    for name, kind in kinds.items():
         value = values[name]
-        if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways_of(told)):
-            remedy = f" Write [{shown(value)}]." if "numbers" in told and KINDS["a number"](value) else ""
-            raise TcbenchError(f"{where}: {name} must be {told}, not {shown(value)}.{remedy}")
+        if not any(value is None if way == "nothing" else KINDS[way](value) for way in ways_of(kind)):
+            remedy = f" Write [{shown(value)}]." if "numbers" in kind and KINDS["a number"](value) else ""
+            raise TcbenchError(f"{where}: {name} must be {kind}, not {shown(value)}.{remedy}")
 
 
 def expect_words(where: str, values: Mapping[str, Any], *names: str) -> None:
@@ -145,9 +145,9 @@ def positive(name: str, value: Any) -> float:
 
 
 @cache
-def ways_of(told: str) -> tuple[str, ...]:
+def ways_of(kind: str) -> tuple[str, ...]:
     """The names in "a number or True or False or nothing"."""
-    return tuple(way for way in (*KINDS, "nothing") if f" or {way} or " in f" or {told} or ")
+    return tuple(way for way in (*KINDS, "nothing") if f" or {way} or " in f" or {kind} or ")
 
 
 def shown(value: Any) -> str:
@@ -164,12 +164,12 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 def visible(text: str) -> str:
     """A text for a terminal: characters that would move its cursor, change its colours or turn the line are spelt."""
-    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+    return CONTROL.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> UnknownNameError:
+def unknown_name(kind: str, name: str, existing: Iterable[str], remedy: str = "", cause: str = "") -> UnknownNameError:
     """The error for a mistyped name: what may be the cause, the nearest match, everything that exists, what to do."""
-    names = sorted(known)
+    names = sorted(existing)
     close = [] if is_pattern(name) else difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     guess = f" Did you mean {close[0]!r}?" if close else ""
     listing = f" Known: {', '.join(names)}." if names else f" No {kind} is registered."
@@ -181,8 +181,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str], remedy: str = "", c
 class ByName(dict[str, Value]):
     """Things by name: an unknown one is refused with the sentence of `unknown_name`."""
 
-    def __init__(self, kind: str, found: Mapping[str, Value]) -> None:
-        super().__init__(found)
+    def __init__(self, kind: str, values: Mapping[str, Value]) -> None:
+        super().__init__(values)
         self.kind = kind
 
     def __missing__(self, name: str) -> Value:
@@ -204,8 +204,8 @@ def misnamed(error: BaseException) -> str:
                 f"{who!r} has no {error.name!r}: it is of springs and other elements. Every system has "
                 "reversible(z, DE, DS) and irreversible(z, DE, DS); what is for elements alone says elements=True"
             )
-        known = [name for name in dir(error.obj) if not name.startswith("_")]
-        if close := difflib.get_close_matches(error.name, known, n=1):
+        names = [name for name in dir(error.obj) if not name.startswith("_")]
+        if close := difflib.get_close_matches(error.name, names, n=1):
             return f"{who!r} has no {error.name!r} (did you mean {close[0]!r}?)"
     if matrix := re.search("cast ufunc '([a-z]+)1?' input.*dtype.'O'", text):  # of numpy.linalg, which has no objects
         return (
@@ -242,15 +242,15 @@ def calling(what: str) -> Iterator[None]:
         raise TcbenchError(f"{what}: {blamed(error)}.") from error
 
 
-def matching(kind: str, name: str, known: Iterable[str], remedy: str = "", cause: str = "") -> list[str]:
-    """The known names that `name` means: itself, or those that fit a pattern with * or ?; an error if there is none."""
-    names = list(known)
-    found = [name] if name in names else []
-    if not found and is_pattern(name):
-        found = [one for one in names if fnmatch.fnmatchcase(one, name.replace("[", "[[]"))]
-    if not found:
+def matching(kind: str, name: str, existing: Iterable[str], remedy: str = "", cause: str = "") -> list[str]:
+    """The names that `name` means: itself, or those that fit a pattern with * or ?; UnknownNameError if there is none."""
+    names = list(existing)
+    chosen = [name] if name in names else []
+    if not chosen and is_pattern(name):
+        chosen = [one for one in names if fnmatch.fnmatchcase(one, name.replace("[", "[[]"))]
+    if not chosen:
         raise unknown_name(kind, name, names, remedy, cause)
-    return found
+    return chosen
 
 
 def is_pattern(name: str) -> bool:

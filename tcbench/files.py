@@ -39,8 +39,8 @@ def written(path: Path) -> Iterator[Path]:
         with TemporaryDirectory() as folder:
             yield (temporary := Path(folder) / f"written{path.suffix}")
             stream.flush()
-            with open(stream.fileno(), "wb", closefd=False) as there:
-                there.write(temporary.read_bytes())
+            with open(stream.fileno(), "wb", closefd=False) as target:
+                target.write(temporary.read_bytes())
     elif path.exists() and not path.is_file():
         yield path
     else:
@@ -51,7 +51,7 @@ def written(path: Path) -> Iterator[Path]:
 def _is(path: Path, stream: Any) -> bool:
     """Does the path lead to what the stream writes to?"""
     try:
-        found = path.stat()
-        return found.st_ino != 0 and os.path.samestat(found, os.fstat(stream.fileno()))  # 0: Windows, of any device
+        state = path.stat()
+        return state.st_ino != 0 and os.path.samestat(state, os.fstat(stream.fileno()))  # 0: Windows, of any device
     except (OSError, ValueError, AttributeError):  # no such file; a stream that is closed, or none of the system's
         return False

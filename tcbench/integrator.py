@@ -239,8 +239,8 @@ class Integrator:
             object.__setattr__(self, name, kind(getattr(self, name)))
         ways = [way for way in WAYS if getattr(self, way) is not None]
         if len(ways) != 1:
-            given = " and ".join(ways) or "none of them"
-            self._refuse(f" must give one of flows=, step=, adaptive=; it gives {given}.")
+            listed = " and ".join(ways) or "none of them"
+            self._refuse(f" must give one of flows=, step=, adaptive=; it gives {listed}.")
         own = ": formulas need none, and a call of adaptive= is a run, which makes what it needs"
         for further, way, why in (
             ("march", "step", ", which march= repeats"), ("outputs", "adaptive", ", which outputs= repeats"),
@@ -319,7 +319,7 @@ class Integrator:
         """ "" if all that the method requires is installed, otherwise what is not and how to get it, as in `suits`."""
         if not self.requires:
             return ""
-        absent = " ".join(name for name, found in self.versions().items() if found is None)
+        absent = " ".join(name for name, version in self.versions().items() if version is None)
         return f"it needs packages that are not installed: pip install {absent}" if absent else ""
 
     def variant(self, **values: str) -> Integrator:
@@ -372,10 +372,10 @@ def family(make: Callable[..., Integrator], **parameters: Any) -> Integrator:
     expect("family", {"make": make}, {"make": "a function"})
     expect("family", parameters, dict.fromkeys(parameters, "words or numbers or a function"))
     allowed = {n: v if callable(v) else tuple(str(x) for x in v) for n, v in parameters.items()}
-    made = make()
-    if not isinstance(made, Integrator):
-        raise TcbenchError(f"family: make returns {shown(made)}; it has to return an Integrator.")
-    return replace(made, parameters=allowed, family=make)
+    default = make()
+    if not isinstance(default, Integrator):
+        raise TcbenchError(f"family: make returns {shown(default)}; it has to return an Integrator.")
+    return replace(default, parameters=allowed, family=make)
 
 
 def _check_variables(where: str, variables: Any) -> None:

@@ -34,9 +34,9 @@ _LOCK = threading.RLock()  # one thread loads plugins or makes a member of a fam
 def registry() -> Registry:
     """The registry, loaded on first use."""
     global _REGISTRY
-    known = _REGISTRY
-    if known is not None:
-        return known
+    loaded = _REGISTRY
+    if loaded is not None:
+        return loaded
     with _LOCK:
         if loading():
             raise RefusedError(
@@ -44,11 +44,11 @@ def registry() -> Registry:
                 "scenarios by Scenario(...), as tcbench new scenario NAME shows. If it is a script, put its commands "
                 'under `if __name__ == "__main__":`, or name the plugin\'s file alone.'
             )
-        known = _REGISTRY
-        if known is None:
+        loaded = _REGISTRY
+        if loaded is None:
             with waiting("loading plugins"):
-                known = _REGISTRY = load(plugin_folders(), _ONLY)
-        return known
+                loaded = _REGISTRY = load(plugin_folders(), _ONLY)
+        return loaded
 
 
 def use_only(brought_by: Iterable[Iterable[str]]) -> None:
@@ -60,7 +60,7 @@ def use_only(brought_by: Iterable[Iterable[str]]) -> None:
 def needs(*names: str) -> set[str]:
     """The plugins, not tcbench's own, that integrators and scenarios of these names come from, as far as can be told
     beforehand: those of what they wrap, start with or name as `uses`, too."""
-    known, found, seen = registry(), set[str](), set[str]()
+    here, labels, seen = registry(), set[str](), set[str]()
     waiting = list(names)
     while waiting:
         name = waiting.pop()
@@ -68,13 +68,13 @@ def needs(*names: str) -> set[str]:
         if name in seen:
             continue
         seen.add(name)
-        items = [kind[base] for kind in (known.integrators, known.scenarios, known.scenario_families) if base in kind]
-        found |= {label for label in [base, *(item.plugin for item in items)] if label in known.origins}
+        items = [kind[base] for kind in (here.integrators, here.scenarios, here.scenario_families) if base in kind]
+        labels |= {label for label in [base, *(item.plugin for item in items)] if label in here.origins}
         waiting += values.values()
         for method in (item for item in items if isinstance(item, Integrator)):
             starter = method.starter.name if isinstance(method.starter, Integrator) else method.starter
             waiting += [*method.uses, *filter(None, [starter])]
-    return found & set(foreign_origins(known))
+    return labels & set(foreign_origins(here))
 
 
 def use_folders(folders: Iterable[str | Path]) -> None:
@@ -159,13 +159,13 @@ def find_integrator(name: str | Integrator) -> Integrator:
         return name
     if not isinstance(name, str):
         raise TcbenchError(f"An integrator is a name or an Integrator, not {name!r}.")
-    known = registry().integrators
-    if name in known:
-        return known[name]
+    methods = registry().integrators
+    if name in methods:
+        return methods[name]
     base, values = split_name(name)
-    if base not in known:
-        raise unknown_name("integrator", base, known, *cure())
-    return known[base].variant(**values) if values else known[base]
+    if base not in methods:
+        raise unknown_name("integrator", base, methods, *cure())
+    return methods[base].variant(**values) if values else methods[base]
 
 
 def starter_of(method: Integrator) -> Integrator:
@@ -225,8 +225,8 @@ def expand_integrators(names: Iterable[str | Integrator]) -> list[Integrator]:
         base, values = split_name(name) if isinstance(name, str) else ("", {})
         if "all" in values.values():
             method = find_integrator(base)
-            known = {key: method.parameters.get(key, ("all",)) for key in values}
-            chosen = [known[key] if value == "all" else (value,) for key, value in values.items()]
+            allowed = {key: method.parameters.get(key, ("all",)) for key in values}
+            chosen = [allowed[key] if value == "all" else (value,) for key, value in values.items()]
             result += [method.variant(**dict(zip(values, v, strict=True))) for v in itertools.product(*chosen)]
         else:
             result.append(find_integrator(name))
@@ -248,8 +248,8 @@ def expand_scenarios(names: Iterable[str | Scenario]) -> list[Scenario]:
     result: list[Scenario] = []
     for name in names:
         if isinstance(name, str) and is_pattern(name):
-            known = registry().scenarios
-            result.extend(known[one] for one in matching("scenario", name, known, *cure()))
+            registered = registry().scenarios
+            result.extend(registered[one] for one in matching("scenario", name, registered, *cure()))
         else:
             result.append(find_scenario(name))
     return [scenario for k, scenario in enumerate(result) if scenario not in result[:k]]
@@ -263,9 +263,9 @@ def find_scenario(name: object) -> Scenario:
         remedy = " The system of a scenario, with its constants, is scenario.model." if isinstance(name, type) else ""
         raise TcbenchError(f"A scenario is a name or a Scenario, not {name!r}.{remedy}")
     here = registry()
-    known, families = here.scenarios, here.scenario_families
-    if name in known:
-        return known[name]
+    registered, families = here.scenarios, here.scenario_families
+    if name in registered:
+        return registered[name]
     base, values = split_name(name)
     if base in families:
         key = base, *sorted(values.items())
@@ -273,12 +273,12 @@ def find_scenario(name: object) -> Scenario:
             with _LOCK:  # one thread makes it: of its system's class there must be one
                 return here.members.get(key) or here.members.setdefault(key, families[base].member(**values))
         return here.members[key]
-    if base in known:
+    if base in registered:
         raise TcbenchError(
             f"Scenario {base!r} takes no values in brackets; {', '.join(sorted(families))} do. Change its constants by "
             f"tcbench.scenarios()[{base!r}].replace(name=..., ...)."
         )
-    raise unknown_name("scenario", base, [*known, *families], *cure())
+    raise unknown_name("scenario", base, [*registered, *families], *cure())
 
 
 def find_family(name: str) -> ScenarioFamily:
@@ -298,8 +298,8 @@ def is_sampled(scenario: Scenario) -> bool:
 def scenarios_for(method: Integrator) -> list[Scenario]:
     """Registered scenarios that a method suits; of families, the members of the defaults, if none of the others."""
     families = (find_scenario(name) for name in registry().scenario_families)
-    for known in (registry().scenarios.values(), families):
-        if suited := [scenario for scenario in known if not method.suits(scenario.model)]:
+    for group in (registry().scenarios.values(), families):
+        if suited := [scenario for scenario in group if not method.suits(scenario.model)]:
             return suited
     raise TcbenchError(f"No registered scenario suits {method.name!r}; bring one with tcbench_scenarios, in its file.")
 

@@ -136,7 +136,7 @@ def of_cells(show: bool | None = None, remaining: Remaining | None = None) -> It
     remaining : is told of each cell that ends, and tells how long the others will take.
     """
     silent = _face(default if show is None else show) is None
-    loud, told = 0, set[str]()
+    loud, printed = 0, set[str]()
     with waiting("starting workers", show) as meter:
         meter.left = remaining.seconds if remaining is not None else lambda: None
 
@@ -149,13 +149,13 @@ def of_cells(show: bool | None = None, remaining: Remaining | None = None) -> It
             if event.kind == "failed" and event.row is not None and event.row.get("status") in LOUD:
                 loud += 1
                 text = f"{event.cell.integrator} on {event.cell.scenario}: {event.row.get('failure')}"
-                if text not in told and len(told) < FAILURES_SHOWN and not silent:
-                    told.add(text)
+                if text not in printed and len(printed) < FAILURES_SHOWN and not silent:
+                    printed.add(text)
                     meter.say(text)
 
         yield on_event
-    if loud > len(told) and not silent:
-        more = loud - len(told)
+    if loud > len(printed) and not silent:
+        more = loud - len(printed)
         sys.stderr.write(f"... and {more} more failure{'s' * (more > 1)} of this kind; see the tables.\n")
 
 

@@ -105,8 +105,8 @@ class Study:
     ) -> Cells:
         """What `plan` returns, if it is a list of cells."""
         with calling(f"plan of the study {self.name!r} failed"):
-            found: Any = self.plan(methods, scenarios, options)
-            cells: list[Any] = [found] if found is None else list(found)
+            result: Any = self.plan(methods, scenarios, options)
+            cells: list[Any] = [result] if result is None else list(result)
         for cell in cells:
             three = isinstance(cell, tuple) and len(cell) == 3
             if not (three and hasattr(cell[0], "suits") and hasattr(cell[1], "model") and isinstance(cell[2], Mapping)):
@@ -132,19 +132,19 @@ class Study:
     def tabulated(self, records: Sequence[Row]) -> Tables:
         """What `tabulate` returns, if it is tables of the declared names."""
         with calling(f"The rows of the study {self.name!r} cannot be tabulated"):
-            found: Any = self.tabulate(records)
-        named = found if isinstance(found, Mapping) else {}
-        if found is not named or any(not hasattr(table, "groupby") for table in named.values()):
+            result: Any = self.tabulate(records)
+        named = result if isinstance(result, Mapping) else {}
+        if result is not named or any(not hasattr(table, "groupby") for table in named.values()):
             raise TcbenchError(
                 f"tabulate of the study {self.name!r} must return a dict of DataFrames by the name of the table, not "
-                f"{shown(found)}."
+                f"{shown(result)}."
             )
         if others := [name for name in named if name not in self.table_names]:
             raise TcbenchError(
                 f"tabulate of the study {self.name!r} returns the table {others[0]!r}; write tables={(*named,)!r}, "
                 f"where it says {self.table_names!r}."
             )
-        return {**found}
+        return {**result}
 
     def is_timed(self, options: Row) -> bool:
         """Does the cell of these options run alone?"""

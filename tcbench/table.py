@@ -79,8 +79,8 @@ class Column:
             text.replace("*", name[len(before) : len(name) - len(after)]) for text in (self.label, self.short)
         )
         label = label or name.replace("_", " ")
-        told = {"name": name, "label": f"{label}, {self.unit}" if self.unit else label, "short": short or name}
-        return Column(**{**vars(self), **told})
+        changes = {"name": name, "label": f"{label}, {self.unit}" if self.unit else label, "short": short or name}
+        return Column(**{**vars(self), **changes})
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,9 @@ class Table:
 
     def as_dict(self) -> dict[str, Any]:
         """It as JSON values; `from_dict` makes it of them."""
-        return _told(self) | {"columns": [one if isinstance(one, str) else _told(one) for one in self.columns]}
+        return _set_fields(self) | {
+            "columns": [one if isinstance(one, str) else _set_fields(one) for one in self.columns]
+        }
 
 
 def from_dict(data: Mapping[str, Any]) -> Table | None:
@@ -170,6 +172,6 @@ def _tuples(data: Mapping[str, Any]) -> dict[str, Any]:
     return {name: tuple(value) if isinstance(value, list) else value for name, value in data.items()}
 
 
-def _told(one: Column | Table) -> dict[str, Any]:
+def _set_fields(one: Column | Table) -> dict[str, Any]:
     """Its fields that are not as they are by default."""
     return {f.name: value for f in fields(one) if (value := getattr(one, f.name)) != f.default or f.default is MISSING}

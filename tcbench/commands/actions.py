@@ -67,10 +67,9 @@ def run_command(everything: bool, quiet: bool, as_json: bool, **options: Any) ->
             "report": page and str(page), "tables": records(results.tables),
         })  # fmt: skip
     elif not quiet:
-        found = results.tables
-        declared = told(store)
-        unseen = [*lost(found), *without_number(found)]
-        terminal.print_results(results, by_method(found, declared), remarks(found), unseen, declared)
+        declared, asked = declared_of(store), results.tables
+        unseen = [*lost(asked), *without_number(asked)]
+        terminal.print_results(results, by_method(asked, declared), remarks(asked), unseen, declared)
         if page:
             terminal.say(f"Report: {page}")
     terminal.warn([*results.problems, *results.left_out, *short_ladder(dt, results.tables), *results.notes])
@@ -108,14 +107,14 @@ LISTED = {  # what is told of each thing that there is
 
 def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: bool) -> None:
     registry, whole = plugins.registry(), not (integrators or scenarios)
-    there: dict[str, Any] = dict.fromkeys(LISTED, ())
+    chosen: dict[str, Any] = dict.fromkeys(LISTED, ())
     if whole:
-        there |= {kind: getattr(registry, kind).values() for kind in LISTED} | {"studies": studies().values()}
+        chosen |= {kind: getattr(registry, kind).values() for kind in LISTED} | {"studies": studies().values()}
     if integrators:
-        there["integrators"] = plugins.expand_integrators(integrators)
+        chosen["integrators"] = plugins.expand_integrators(integrators)
     if scenarios:
-        there["scenarios"] = plugins.expand_scenarios(scenarios)
-    data = {kind: [_facts(one, names) for one in there[kind]] for kind, names in LISTED.items()}
+        chosen["scenarios"] = plugins.expand_scenarios(scenarios)
+    data = {kind: [_facts(one, names) for one in chosen[kind]] for kind, names in LISTED.items()}
     data["broken"] = [{"name": o.name, "path": o.path or o.distribution, "error": o.error} for o in registry.broken]
     if as_json:
         terminal.print_json(data)
@@ -127,11 +126,8 @@ def list_command(integrators: Sequence[str], scenarios: Sequence[str], as_json: 
 def _facts(one: Any, names: Sequence[str]) -> dict[str, Any]:
     """These attributes of something that is registered: sets in their order, a system by its name; the parameters of a
     family of scenarios are its defaults."""
-    found: dict[str, Any] = {name: getattr(one, name) if hasattr(one, name) else one.defaults for name in names}
-    told: dict[str, Any] = {
-        name: sorted(value) if isinstance(value, frozenset) else value for name, value in found.items()
-    }
-    return {name: value.name if name == "system" else value for name, value in told.items()}
+    values: dict[str, Any] = {name: getattr(one, name) if hasattr(one, name) else one.defaults for name in names}
+    return {n: sorted(v) if isinstance(v, frozenset) else v.name if n == "system" else v for n, v in values.items()}
 
 
 def map_command(
@@ -180,23 +176,23 @@ def reference_command(names: Sequence[str], scenarios: Sequence[str], as_json: b
     from ..reference.collocation import ReferenceFailed
     from ..reference.lookup import recompute
 
-    found = []
+    verdicts = []
     for scenario in plugins.expand_scenarios([*names, *scenarios]):
         with waiting(f"computing the reference of {scenario.name}"):
             try:
-                found.append(recompute(scenario))
+                verdicts.append(recompute(scenario))
             except ReferenceFailed as error:
                 raise TcbenchError(f"{scenario.name} has no reference: {error}") from error
     if as_json:
-        terminal.print_json(found[0] if len(found) == 1 else found)
+        terminal.print_json(verdicts[0] if len(verdicts) == 1 else verdicts)
     else:
-        for each in found:
+        for each in verdicts:
             rows = [[terminal.number(row[k]) for k in ("t", "gap", "certificate", "check")] for row in each["rows"]]
             title = f"{each['scenario']}: {each['method']}"
             columns = ["t", "gap to the one in use", "certificate", "check"]
             terminal.put(terminal.make_table(title, columns, rows))
             terminal.say(f"It {'agrees' if each['agrees'] else 'does NOT agree'} with the reference in use.")
-    return 0 if all(each["agrees"] for each in found) else 1
+    return 0 if all(each["agrees"] for each in verdicts) else 1
 
 
 def show_command(
@@ -211,8 +207,8 @@ def show_command(
         tables = read_tables(store)
     terminal.warn(store.problems)
     if not tables:
-        there = "finished cells, of which no table can be made" if store.rows() else "no finished cell yet"
-        raise TcbenchError(f"{str(folder)!r} holds {there}.")
+        held = "finished cells, of which no table can be made" if store.rows() else "no finished cell yet"
+        raise TcbenchError(f"{str(folder)!r} holds {held}.")
     if table is not None and table not in tables:
         raise unknown_name("table of this run", table, tables)
     for column, names in (("scenario", scenarios), ("integrator", integrators)):
@@ -221,32 +217,32 @@ def show_command(
         raise TcbenchError(f"The table {table!r} of this run has no row of {', '.join((*scenarios, *integrators))}.")
     if table is not None:
         tables = {table: tables[table]}
-    known = table_schemas(store.declared())
+    schemas = table_schemas(store.declared())
     if latex and table is not None:
         from ..report.latex import to_latex
 
-        sys.stdout.write(to_latex(tables[table], known.get(table, Table(table))))
+        sys.stdout.write(to_latex(tables[table], schemas.get(table, Table(table))))
     elif as_json:
         terminal.print_json(records(tables))
     elif table is not None:
-        terminal.print_table(tables[table], known.get(table, Table(table)))
-    elif sum(len(t) for name, t in tables.items() if not terminal.is_long(name, known)) <= SHOWN_ROWS:
-        terminal.print_tables(tables, known)
+        terminal.print_table(tables[table], schemas.get(table, Table(table)))
+    elif sum(len(t) for name, t in tables.items() if not terminal.is_long(name, schemas)) <= SHOWN_ROWS:
+        terminal.print_tables(tables, schemas)
         for sentence in remarks(tables):
             terminal.say(f"\n{sentence}")
     else:
-        terminal.print_methods(by_method(tables, told(store)), remarks(tables))
+        terminal.print_methods(by_method(tables, declared_of(store)), remarks(tables))
         terminal.print_contents(tables, folder)
 
 
-def told(store: Store) -> dict[str, Any]:
+def declared_of(store: Store) -> dict[str, Any]:
     """What the folder says of its methods; where it does not, what those that are installed here say."""
     from ..runner.declared import method_facts
 
-    found = store.declared()
-    if found.get("integrators"):
-        return found
-    return {**found, "integrators": {name: method_facts(method) for name, method in plugins.integrators().items()}}
+    declared = store.declared()
+    if declared.get("integrators"):
+        return declared
+    return {**declared, "integrators": {name: method_facts(method) for name, method in plugins.integrators().items()}}
 
 
 def report_command(folders: tuple[Path, ...], output: Path | None, as_json: bool) -> None:

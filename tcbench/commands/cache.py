@@ -19,16 +19,16 @@ def cache_command(action: str | None, as_json: bool) -> None:
     "tcbench cache clear" removes them; they are made again when they are needed. TCBENCH_CACHE_DIR chooses another
     folder, TCBENCH_CACHE_LIMIT another limit in MiB.
     """
-    found = cache.clear() if action == "clear" else cache.usage()
+    usage = cache.clear() if action == "clear" else cache.usage()
     if as_json:
         from .terminal import print_json
 
-        print_json(asdict(found) | {"folder": str(found.folder)})
+        print_json(asdict(usage) | {"folder": str(usage.folder)})
         return
-    files, size = f"{found.files} file{'' if found.files == 1 else 's'}", found.bytes / 2**20
+    files, size = f"{usage.files} file{'' if usage.files == 1 else 's'}", usage.bytes / 2**20
     if action == "clear":
-        click.echo(f"Removed {files}, {size:.1f} MiB, from {found.folder}")
+        click.echo(f"Removed {files}, {size:.1f} MiB, from {usage.folder}")
         return
-    click.echo(found.folder)
-    click.echo(f"{files}, {size:.1f} of {found.limit / 2**20:.0f} MiB; what was not used for longest goes first.")
+    click.echo(usage.folder)
+    click.echo(f"{files}, {size:.1f} of {usage.limit / 2**20:.0f} MiB; what was not used for longest goes first.")
     click.echo("tcbench cache clear removes them all.")

@@ -61,32 +61,32 @@ def _judged(scenario: Any, path: Path) -> dict[str, Any]:
     from ..simulation.data_set import EXACT_MOVE, judge
 
     with waiting(f"computing the trajectories of {path} as {scenario.name}"):
-        found = judge(path, scenario, [*plugins.integrators().values()])
-    reached = np.isfinite(found.certificates)
-    last = found.errors[:, -1][np.isfinite(found.errors[:, -1])]
+        judgement = judge(path, scenario, [*plugins.integrators().values()])
+    reached = np.isfinite(judgement.certificates)
+    last = judgement.errors[:, -1][np.isfinite(judgement.errors[:, -1])]
     nearest: list[dict[str, Any]] = [
         {"integrator": name, "steps_between": parts, "difference": missed}
-        for (name, parts), missed in list(found.methods.items())[:SHOWN]
+        for (name, parts), missed in list(judgement.methods.items())[:SHOWN]
     ]
     sentences = [
-        f"{len(found.errors)} trajectories of {len(found.times)} states, as {scenario.name}, "
+        f"{len(judgement.errors)} trajectories of {len(judgement.times)} states, as {scenario.name}, "
         f"{int(reached.all(axis=1).sum())} with a reference from end to end."
     ]
     if len(last):
         sentences.append(
             f"Error of the last states: {np.median(last):.1e} in the median, at most {last.max():.1e}; the references' "
-            f"own error is at most {np.nanmax(found.certificates):.1e}."
+            f"own error is at most {np.nanmax(judgement.certificates):.1e}."
         )
-    made = [_told(each, "made the data") for each in nearest if each["difference"] <= EXACT_MOVE]
-    off = [_told(each, "is off by more than round-off") for each in nearest]
+    makers = [_sentence(each, "made the data") for each in nearest if each["difference"] <= EXACT_MOVE]
+    off = [_sentence(each, "is off by more than round-off") for each in nearest]
     exact = ["The states are the solution to round-off: no error is left by which to tell what made them."]
-    sentences += exact if found.exact else made or ["No method made it, step by step; the nearest are:", *off]
-    error = [float(x) for x in np.nanmax(found.errors, axis=0, initial=0.0)]
-    return {"file": str(path), "times": found.times.tolist(), "error_max": error, "nearest": nearest,
+    sentences += exact if judgement.exact else makers or ["No method made it, step by step; the nearest are:", *off]
+    error = [float(x) for x in np.nanmax(judgement.errors, axis=0, initial=0.0)]
+    return {"file": str(path), "times": judgement.times.tolist(), "error_max": error, "nearest": nearest,
             "sentences": sentences}  # fmt: skip
 
 
-def _told(nearest: dict[str, Any], what: str) -> str:
+def _sentence(nearest: dict[str, Any], what: str) -> str:
     parts, missed = nearest["steps_between"], nearest["difference"]
     steps = f"{parts} steps" if parts > 1 else "one step"
     return f"{nearest['integrator']} {what}: {steps} from each state to the next, to {missed:.1e} in the median."

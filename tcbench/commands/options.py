@@ -69,8 +69,8 @@ QUIET = click.option(
 
 def runs(name: str = "folder", required: bool = False, shown: str = "[FOLDER]") -> Callable[..., Any]:
     """The folder of a run."""
-    given: dict[str, Any] = {} if required else {"default": LATEST}  # None would be a value: nothing would be missing
-    return click.argument(name, type=click.Path(path_type=Path), required=required, metavar=shown, **given)
+    default: dict[str, Any] = {} if required else {"default": LATEST}  # None would be a value: nothing would be missing
+    return click.argument(name, type=click.Path(path_type=Path), required=required, metavar=shown, **default)
 
 
 class Folder(click.Path):
@@ -99,16 +99,16 @@ def read_config(ctx: click.Context, parameter: click.Parameter, path: Path | Non
 
     try:
         with open(path, "rb") as file:  # a pipe, too, as of `--config <(...)`
-            given = tomllib.load(file)
+            config = tomllib.load(file)
     except (OSError, ValueError) as error:  # ValueError: not TOML, or not text
         raise TcbenchError(f"{str(path)!r} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    known = {word.lstrip("-"): p for p in ctx.command.params for word in p.opts if word.startswith("--")}
-    known.pop("config", None)
+    parameters = {word.lstrip("-"): p for p in ctx.command.params for word in p.opts if word.startswith("--")}
+    parameters.pop("config", None)
     values = {}
-    for name, value in given.items():
-        if name not in known:
-            raise unknown_name(f"option in {str(path)!r}", name, known)
-        option = known[name]
+    for name, value in config.items():
+        if name not in parameters:
+            raise unknown_name(f"option in {str(path)!r}", name, parameters)
+        option = parameters[name]
         values[option.name or ""] = _as_typed(f"{name!r} in {str(path)!r}", option, value)
     ctx.meta[CONFIG_FILE] = str(path)
     ctx.default_map = {**(ctx.default_map or {}), **values}

@@ -33,11 +33,11 @@ def plot_command(
 def _list_kinds(as_json: bool) -> None:
     from ..report.chart_kinds import kinds
 
-    found = {name: chart.text for name, chart in kinds().items()}
+    texts = {name: chart.text for name, chart in kinds().items()}
     if as_json:
-        terminal.print_json(found)
+        terminal.print_json(texts)
     else:
-        terminal.put(terminal.make_table("tcbench plot KIND", ["kind", "shows"], list(map(list, found.items()))))
+        terminal.put(terminal.make_table("tcbench plot KIND", ["kind", "shows"], list(map(list, texts.items()))))
 
 
 def publish_command(folders: tuple[Path, ...], output: Path, as_json: bool) -> None:

@@ -24,14 +24,14 @@ from .options import words
 AGAIN_S = 10.0  # a run of a solver of its own that took less is repeated for its time
 
 
-def one_of(kind: str, found: Sequence[Any], many: str) -> Any:
+def one_of(kind: str, chosen: Sequence[Any], many: str) -> Any:
     """The one integrator or scenario (or its name) that was selected."""
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    if len(chosen) == 1:
+        return chosen[0]
+    if not chosen:
         raise TcbenchError(f"Say which {kind}: {many}")
-    names = ", ".join(getattr(item, "name", item) for item in found)
-    raise TcbenchError(f"One {kind} is needed here, not {len(found)} ({names}). {many}")
+    names = ", ".join(getattr(item, "name", item) for item in chosen)
+    raise TcbenchError(f"One {kind} is needed here, not {len(chosen)} ({names}). {many}")
 
 
 def simulate_command(
@@ -77,7 +77,7 @@ def simulate_command(
 
 def _write_csv(run_: Any, path: Path) -> None:
     """t, z, energy, entropy, invariants and temperatures, all digits."""
-    found = columns(run_)
+    data = columns(run_)
     with writing(repr(str(path))), written(path) as temporary:
-        table = np.column_stack([*found.values()])
-        np.savetxt(temporary, table, delimiter=",", header=",".join(found), comments="", fmt="%.17g")
+        table = np.column_stack([*data.values()])
+        np.savetxt(temporary, table, delimiter=",", header=",".join(data), comments="", fmt="%.17g")

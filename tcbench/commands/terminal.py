@@ -79,13 +79,13 @@ def make_table(
     room are left out (the first of these places before others), and named below."""
     columns, rows = [visible(name) for name in columns], [[visible(text) for text in row] for row in rows]
     cells = [[name, *(row[i] for row in rows)] for i, name in enumerate(columns)]
-    widths = [max(map(len, found), default=0) for found in cells]
-    solid = [w <= SHORT or not any(" " in text for text in found[1:]) for w, found in zip(widths, cells, strict=True)]
-    least = [w if s else max(len(word) for text in found for word in text.split() or [""])
-             for w, s, found in zip(widths, solid, cells, strict=True)]  # fmt: skip
+    widths = [max(map(len, texts), default=0) for texts in cells]
+    solid = [w <= SHORT or not any(" " in text for text in texts[1:]) for w, texts in zip(widths, cells, strict=True)]
+    longest_words = [max(len(word) for text in texts for word in text.split() or [""]) for texts in cells]
+    narrowest = [w if s else word for w, s, word in zip(widths, solid, longest_words, strict=True)]
     kept = list(range(len(columns)))
     to_go = [*first_to_go, *reversed(kept[2:])]
-    while to_go and sum(least[i] + GAP for i in kept) - GAP > console().width:
+    while to_go and sum(narrowest[i] + GAP for i in kept) - GAP > console().width:
         first = to_go.pop(0)
         kept = [i for i in kept if i != first]
     gone = [name for i, name in enumerate(columns) if i not in kept and name]
@@ -96,7 +96,7 @@ def make_table(
     for i in kept:
         right = bool(rows) and all(_numeric(row[i]) for row in rows)
         table.add_column(
-            columns[i], justify="right" if right else "left", overflow="fold", no_wrap=solid[i], min_width=least[i]
+            columns[i], justify="right" if right else "left", overflow="fold", no_wrap=solid[i], min_width=narrowest[i]
         )
     for row in rows:
         table.add_row(*(row[i] for i in kept))
@@ -122,49 +122,49 @@ MOST_OWN = 8  # columns of the conservation table that systems and plugins bring
 WHOLE = 40  # rows of the conservation table that a run prints in full; of more, the middle steps
 
 
-def is_long(name: str, known: Mapping[str, Table]) -> bool:
-    return name in known and known[name].long
+def is_long(name: str, schemas: Mapping[str, Table]) -> bool:
+    return name in schemas and schemas[name].long
 
 
-def print_tables(tables: Mapping[str, DataFrame], known: Mapping[str, Table]) -> None:
+def print_tables(tables: Mapping[str, DataFrame], schemas: Mapping[str, Table]) -> None:
     """Each table, but for those that are shown when they are asked for."""
     for name, table in tables.items():
-        if is_long(name, known):
+        if is_long(name, schemas):
             say(f"\n{name}: {len(table)} rows, with --table {name}, and in the CSV and Parquet files.")
         else:
-            print_table(table, known.get(name, Table(name)))
+            print_table(table, schemas.get(name, Table(name)))
 
 
-def print_table(frame: DataFrame, known: Table) -> None:
+def print_table(frame: DataFrame, schema: Table) -> None:
     """One table, one block a scenario, or a family of them, where its study says what fits a terminal; then what its
     headings mean."""
     by = "family" if "family" in frame else "scenario"
-    if not known.terminal or by in known.terminal or by not in frame or known.name == "claims":
-        _print_block(f"\n{known.name}", frame, known)
+    if not schema.terminal or by in schema.terminal or by not in frame or schema.name == "claims":
+        _print_block(f"\n{schema.name}", frame, schema)
     else:
         for group, part in frame.groupby(by, sort=False):
-            _print_block(f"\n{known.name}: {group}", part, known)
-    told = (column(name, known) for name in shown(frame, known))
-    if means := [f"{one.short}: {one.label}" for one in told if one.short.replace("_", " ") != one.label]:
+            _print_block(f"\n{schema.name}: {group}", part, schema)
+    described = (column(name, schema) for name in shown(frame, schema))
+    if means := [f"{one.short}: {one.label}" for one in described if one.short.replace("_", " ") != one.label]:
         say(f"Headings: {'; '.join(means)}.")
 
 
-def shown(frame: DataFrame, known: Table) -> list[str]:
+def shown(frame: DataFrame, schema: Table) -> list[str]:
     """The columns of a table that fit a terminal and have a value; of conservation the errors of a system's own
     invariants and metrics of plugins, too."""
-    columns = list(known.terminal) or shown_columns(frame.columns, known)
-    if known.name == "conservation":
-        own = [c for c in shown_columns(frame.columns, known) if c not in CONSERVATION.names and c not in columns]
+    columns = list(schema.terminal) or shown_columns(frame.columns, schema)
+    if schema.name == "conservation":
+        own = [c for c in shown_columns(frame.columns, schema) if c not in CONSERVATION.names and c not in columns]
         place = columns.index("angular_momentum_error_max") + 1
         columns[place:place] = own if len(own) <= MOST_OWN else []
     return [c for c in columns if c in frame and frame[c].notna().any()]
 
 
-def _print_block(title: str, frame: DataFrame, known: Table) -> None:
-    told = [column(name, known) for name in shown(frame, known)]
-    rows = [[number(v) for v in row] for row in frame[[one.name for one in told]].itertuples(index=False)]
-    first = sorted((i for i, one in enumerate(told) if one.narrow), key=lambda i: told[i].narrow)
-    put(make_table(title, [one.short for one in told], rows, first))
+def _print_block(title: str, frame: DataFrame, schema: Table) -> None:
+    described = [column(name, schema) for name in shown(frame, schema)]
+    rows = [[number(v) for v in row] for row in frame[[one.name for one in described]].itertuples(index=False)]
+    first = sorted((i for i, one in enumerate(described) if one.narrow), key=lambda i: described[i].narrow)
+    put(make_table(title, [one.short for one in described], rows, first))
 
 
 def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
@@ -175,18 +175,18 @@ def print_contents(tables: Mapping[str, DataFrame], folder: Any) -> None:
 
 def print_row(row: Mapping[str, Any], verdicts: Mapping[str, str]) -> None:
     """One run: each number with what it is, and whether a claim that it measures was kept."""
-    told = {k: number(v) for k, v in row.items() if v != ""}
-    failure = told.pop("failure", "")  # a sentence, as wide as the rest together
-    put(make_table("", ["", "", "", ""], [[k, text, meaning(k), verdicts.get(k, "")] for k, text in told.items()]))
+    texts = {k: number(v) for k, v in row.items() if v != ""}
+    failure = texts.pop("failure", "")  # a sentence, as wide as the rest together
+    put(make_table("", ["", "", "", ""], [[k, text, meaning(k), verdicts.get(k, "")] for k, text in texts.items()]))
     if failure:
         say(f"\nfailure: {failure}")
 
 
 def meaning(name: str) -> str:
     """What a column holds and its unit, as far as its name does not say it."""
-    told = column(name)
-    label = "" if told.label.replace(" ", "_") == name else told.label
-    return label or told.unit
+    described = column(name)
+    label = "" if described.label.replace(" ", "_") == name else described.label
+    return label or described.unit
 
 
 def _when(item: Mapping[str, Any]) -> str:
@@ -210,8 +210,8 @@ def print_listing(data: Mapping[str, Any]) -> None:
     _put_rows("Integrators", heads, rows)
     rows = [[s["name"], number(s["t_end"]), number(s["dt"]), s["shows"], s["source"]] for s in data["scenarios"]]
     for f in data["scenario_families"]:
-        given = [f"{k}={v}" for k, v in f["parameters"].items()]
-        label = ",".join(given if len(given) <= MOST_VALUES else [given[0], "..."])
+        pairs = [f"{k}={v}" for k, v in f["parameters"].items()]
+        label = ",".join(pairs if len(pairs) <= MOST_VALUES else [pairs[0], "..."])
         rows.append([f"{f['name']}[{label}]", "", "", f"{f['shows']}; run when named, with any value", f["source"]])
     _put_rows("\nScenarios", ["name", "t_end", "dt", "shows", "source"], rows)
     rows = [[s["name"], "; ".join(filter(None, (s["description"], _when(s))))] for s in data["studies"]]
@@ -242,17 +242,17 @@ def print_results(
     unseen : those of the remarks that the rows do not show. declared : what the folder says of its tables.
     """
     summary = results.summary
-    small, known = results.tables.get("conservation"), table_schemas(declared)
-    short = {name for name in results.tables if not is_long(name, known)}
+    small, schemas = results.tables.get("conservation"), table_schemas(declared)
+    short = {name for name in results.tables if not is_long(name, schemas)}
     if small is not None and len(small) <= WHOLE and short == {"conservation"}:
         for scenario, part in small.groupby("scenario", sort=False):
-            _print_block(f"\n{scenario}", part, known["conservation"])
+            _print_block(f"\n{scenario}", part, schemas["conservation"])
         for sentence in unseen:
             say(f"\n{sentence}")
     elif len(methods) > 1 and len(methods[0]) > 1:
         print_methods(methods, remarks)
     else:  # studies that say nothing of single methods
-        print_tables(results.tables, known)
+        print_tables(results.tables, schemas)
         for sentence in remarks:
             say(f"\n{sentence}")
     counts = ", ".join(f"{n} {status}" for status, n in sorted(summary.statuses.items()))

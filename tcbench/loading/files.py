@@ -23,8 +23,8 @@ def plugin_files(folders: Iterable[Path]) -> list[Path]:
         if folder.is_file():  # named by itself, whatever its name
             files.append(_real(folder))
         else:
-            found = sorted(folder.glob("*.py"))
-            files.extend(_real(p) for p in found if not p.name.startswith(("_", "test_", "conftest", "setup")))
+            paths = sorted(folder.glob("*.py"))
+            files.extend(_real(p) for p in paths if not p.name.startswith(("_", "test_", "conftest", "setup")))
     return list(dict.fromkeys(files))
 
 

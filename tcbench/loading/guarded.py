@@ -35,8 +35,8 @@ def guarded() -> Iterator[None]:
             yield
     finally:
         np.seterr(**settings)
-        for module, known in zip(SHARED, functions, strict=True):
-            for name, value in known.items():
+        for module, before in zip(SHARED, functions, strict=True):
+            for name, value in before.items():
                 if not name.startswith("_") and vars(module).get(name) is not value:
                     setattr(module, name, value)
                     replaced.append(f"{module.__name__}.{name}")
@@ -79,16 +79,16 @@ class _Alarm(BaseException):
 
 def _copies() -> dict[int, int]:
     """Copies of the standard streams that are open."""
-    found = {}
+    copies = {}
     for stream in STANDARD:
         with contextlib.suppress(OSError):
             if sys.platform == "win32":
-                found[stream] = os.dup(stream)
+                copies[stream] = os.dup(stream)
             else:
                 import fcntl
 
-                found[stream] = fcntl.fcntl(stream, fcntl.F_DUPFD_CLOEXEC, HIGH)
-    return found
+                copies[stream] = fcntl.fcntl(stream, fcntl.F_DUPFD_CLOEXEC, HIGH)
+    return copies
 
 
 def _reopened(copies: dict[int, int]) -> bool:

@@ -140,9 +140,9 @@ def _present(folders: Iterable[Path]) -> Iterator[tuple[Origin, Callable[[], Any
         yield Origin(path.stem, path=str(path)), partial(import_file, path)
 
 
-def foreign_origins(found: Registry) -> dict[str, Origin]:
+def foreign_origins(registry: Registry) -> dict[str, Origin]:
     """The plugins that are not tcbench's own, by label."""
-    return {label: origin for label, origin in found.origins.items() if origin.distribution != OWN}
+    return {label: origin for label, origin in registry.origins.items() if origin.distribution != OWN}
 
 
 # -- one plugin after the other
@@ -164,7 +164,7 @@ def _register(
             raise
         if isinstance(error, pluggy.PluginValidationError) and manager.is_registered(error.plugin):
             manager.unregister(error.plugin)  # pluggy below 1.7 has registered it
-        result.origins[label] = replace(origin, **_told(error, origin.path))
+        result.origins[label] = replace(origin, **_failure(error, origin.path))
     finally:
         _LOADING.pop()
 
@@ -188,7 +188,7 @@ def _check_hooks(module: Any) -> None:
             raise RefusedError(f"{name} in line {line} is called without arguments; write def {name}():")
 
 
-def _told(error: BaseException, path: str) -> dict[str, str]:
+def _failure(error: BaseException, path: str) -> dict[str, str]:
     """The traceback of the error under way, and a sentence: what is wrong, and in which line of the plugin's file."""
     if isinstance(error, RefusedError):
         return {"error": str(error), "reason": str(error)}
@@ -257,15 +257,15 @@ def _collect(manager: pluggy.PluginManager, result: Registry) -> None:
 
 def _break(result: Registry, label: str, error: BaseException) -> None:
     """Note the error under way as that of the plugin."""
-    result.origins[label] = replace(result.origins[label], **_told(error, result.origins[label].path))
+    result.origins[label] = replace(result.origins[label], **_failure(error, result.origins[label].path))
 
 
 def _checked(offered: Any, kind: type | UnionType, hook_name: str) -> list[Any]:
-    told = f"{hook_name} must return a list of {getattr(kind, '__name__', 'Scenario or ScenarioFamily')}"
+    demand = f"{hook_name} must return a list of {getattr(kind, '__name__', 'Scenario or ScenarioFamily')}"
     if not several(offered):
-        raise TcbenchError(f"{told}, not {shown(offered)}.")
+        raise TcbenchError(f"{demand}, not {shown(offered)}.")
     items = list(offered)
     for item in items:
         if not isinstance(item, kind):
-            raise TcbenchError(f"{told}, it has {shown(item)}.")
+            raise TcbenchError(f"{demand}, it has {shown(item)}.")
     return items
