@@ -243,7 +243,7 @@ def calling(what: str) -> Iterator[None]:
 
 
 def matching(kind: str, name: str, existing: Iterable[str], remedy: str = "", cause: str = "") -> list[str]:
-    """The names that `name` means: itself, or those that fit a pattern with * or ?; UnknownNameError if there is none."""
+    """The names that `name` means: itself, or those that fit a pattern with * or ?; an error where there is none."""
     names = list(existing)
     chosen = [name] if name in names else []
     if not chosen and is_pattern(name):

@@ -51,10 +51,8 @@ class Arithmetic:
     assigned: dict[str, int]  # number of assignments to each local name
     definite: set[str]  # local names that every way to this place has assigned
     block: str
+    refusal: Callable[[ast.AST, str], TranslationError]  # the error that names the line of a node
     count = 0
-
-    def refusal(self, node: ast.AST, why: str) -> TranslationError:
-        raise NotImplementedError
 
     def emit(self, code: str) -> str:
         self.count += 1

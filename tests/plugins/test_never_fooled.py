@@ -21,9 +21,6 @@ class Moving(Mechanical):
     name = "moving"
     constants = {"k": (), "at": (), "width": (), "c": ()}
 
-    def potential(self, q):
-        raise NotImplementedError
-
     def energy(self, z):
         return z.p**2 / 2 + self.potential(z.q) + 300.0 * z.s
 
@@ -31,11 +28,15 @@ class Moving(Mechanical):
         return rubbed(self.c * dE.p, dE)
 
 
-class Gap(Moving):
+class Power(Moving):
+    def potential(self, q):
+        return self.k * q**self.N / self.N
+
+
+class Gap(Power):
     """From the middle the series begins with terms of orders 1, 8, 15, ..."""
 
-    def potential(self, q):
-        return self.k * q**8 / 8
+    N = 8
 
 
 class MixedGaps(Moving):
@@ -43,11 +44,10 @@ class MixedGaps(Moving):
         return self.k * (1e-3 * q**4 + q**18 / 18)
 
 
-class Lacunary(Moving):
+class Lacunary(Power):
     """The first term that is not that of free motion has an order above that of any series here."""
 
-    def potential(self, q):
-        return self.k * q**40 / 40
+    N = 40
 
 
 class Hill(Moving):
@@ -63,9 +63,9 @@ class Front(Moving):
 def truth(scenario, tolerance=1e-12):
     t = np.linspace(0.0, scenario.t_end, 201)
     field = scenario.model.vector_field
-    found = solve_ivp(lambda t, z: field(z), t[[0, -1]], scenario.z0, "DOP853", t, rtol=tolerance, atol=tolerance,
+    solution = solve_ivp(lambda t, z: field(z), t[[0, -1]], scenario.z0, "DOP853", t, rtol=tolerance, atol=tolerance,
                       max_step=scenario.t_end / 500)  # fmt: skip
-    return found.y.T
+    return solution.y.T
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,7 @@ def truth(scenario, tolerance=1e-12):
 )
 def test_what_a_series_does_not_see_is_not_stepped_over(kind, k, at, width, c, t_end):
     """Errors of order 1 at every tolerance, with status ok: the last two terms were all that was asked."""
-    constants = {"k": k, "at": at, "width": width, "c": c}
-    scenario = Scenario("unseen", kind, constants, initial={"q": 0.0, "p": 1.0, "s": 0.0}, t_end=t_end, dt=t_end / 200)
+    scenario = unseen(kind, k, at, width, c, t_end)
     exact = truth(scenario)
     size = np.maximum(1.0, np.abs(exact).max(axis=0))
     for method in METHODS:
@@ -188,9 +187,9 @@ class Pulse(Moving):
 
 
 def unseen(kind, k=1.0, at=0.0, width=1.0, c=0.0, t_end=10.0, **powers):
-    made = type(kind.__name__, (kind,), powers)
+    system = type(kind.__name__, (kind,), powers)
     initial = {"q": 0.0, "p": 1.0, "s": 0.0} | ({"tau": 0.0, "g": 0.0} if issubclass(kind, Pulse) else {})
-    return Scenario("unseen", made, {"k": k, "at": at, "width": width, "c": c}, initial=initial, t_end=t_end,
+    return Scenario("unseen", system, {"k": k, "at": at, "width": width, "c": c}, initial=initial, t_end=t_end,
                     dt=t_end / 200)  # fmt: skip
 
 
@@ -265,21 +264,14 @@ def test_no_size_is_larger_than_what_a_run_moves_a_variable_by(scenario):
     assert (scenario.model.state_magnitudes <= 2 * max(1.0, scenario.t_end)).all()
 
 
-class HighPower(Moving):
-    def potential(self, q):
-        return self.k * q**self.N / self.N
-
-
 @pytest.mark.parametrize(
     ("N", "k", "p", "t_end", "tolerance"),
     [(40, 1.0, 0.8, 20.0, 1e-6), (30, 1.0, 2.0, 9.0, 1e-4), (18, 3.0, 1.0, 12.0, 1e-6)],
 )
 def test_a_step_that_a_method_halves_by_itself_is_compared_with_others(N, k, p, t_end, tolerance):
     """Both halves of a step were what the whole one had been made of: no gap, and 1e3 tolerances at any tolerance."""
-    made = type("HighPower", (HighPower,), {"N": N})
     initial = {"q": 0.3, "p": p, "s": 0.0}
-    constants = {"k": k, "at": 0.0, "width": 1.0, "c": 0.0}
-    scenario = Scenario("power", made, constants, initial=initial, t_end=t_end, dt=t_end / 25)
+    scenario = unseen(Power, k, t_end=t_end, N=N).replace(initial=initial, dt=t_end / 25)
     times = np.linspace(0.0, t_end, 26)
     beside = scenario.replace(initial=initial | {"q": 0.3 + 1e-7})
     exact, moved = (
