@@ -15,7 +15,7 @@ from ..errors import TcbenchError, blamed, matching
 from ..integrator import Integrator
 from ..plugins import Origin
 from ..runner.cell import Cell
-from ..runner.plan import brought
+from ..runner.plan import foreign_plugins
 from ..runner.rows import Rows
 from ..runner.scheduler import run_cells
 from ..simulation.run import simulate
@@ -210,7 +210,7 @@ def _runs_alone(name: str, method: Integrator, folders: Sequence[str]) -> Line:
 
 def _row_of(method: Integrator, scenario: Scenario, settings: dict[str, float], folders: Sequence[str]) -> Any:
     """The row of one run, as of a cell of a study: exceptions, hangs and crashes have one, too."""
-    needed = brought(plugins.needs(method.name, method.plugin, scenario.name, scenario.plugin))
+    needed = foreign_plugins(plugins.needs(method.name, method.plugin, scenario.name, scenario.plugin))
     paths = list(dict.fromkeys([*folders, *map(str, plugins.plugin_folders())]))
     context = {"folders": paths, "brought_by": {method.name: needed}}
     cell, rows = Cell("check", method.name, scenario.name, settings), Rows()

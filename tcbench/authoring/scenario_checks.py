@@ -98,24 +98,24 @@ def smooth(scenario: Scenario) -> Line:
         return Line("smooth", NONE, "not looked at: the state is large")
     states, laws = admissible_states(scenario, np.random.default_rng(SEED)), 2 + len(model.invariant_names)
 
-    def seen(z: NDArray[np.float64]) -> NDArray[np.float64]:
+    def row_of(z: NDArray[np.float64]) -> NDArray[np.float64]:
         """A row of (E, S, slopes of E, slopes of S) for each state."""
         values = [model.energy(z)[:, None], model.entropy(z)[:, None], model.gradient(z), model.entropy_gradient(z)]
         return np.concatenate(values, axis=1)
 
     def sound(z: NDArray[np.float64]) -> bool:
         numbers = np.asarray(model.observe(z))
-        return bool(np.isfinite(numbers).all() and (numbers[:, laws:] > 0).all() and np.isfinite(seen(z)).all())
+        return bool(np.isfinite(numbers).all() and (numbers[:, laws:] > 0).all() and np.isfinite(row_of(z)).all())
 
     for _ in range(LINES):
         away = np.linspace(-8, 8, PIECES)[:, None] * (np.asarray(next(states)) - z0)
         line_ = next((z for z in (z0 + away / 2**i for i in range(6)) if sound(z)), z0[None].repeat(3, axis=0))
-        values = seen(line_)
+        values = row_of(line_)
         first = abs(np.diff(values, 2, axis=0)).argmax(axis=0)
         low, high, below, above = line_[first], line_[first + 2], *(values[first + i].diagonal() for i in (0, 2))
         for _ in range(HALVINGS):
             middle = (low + high) / 2
-            value = seen(middle).diagonal()
+            value = row_of(middle).diagonal()
             left = abs(value - below) > abs(above - value)
             low, below = np.where(left, low.T, middle.T).T, np.where(left, below, value)
             high, above = np.where(left, middle.T, high.T).T, np.where(left, value, above)

@@ -177,7 +177,7 @@ def check_units(system: System) -> None:
     else:
         checked.system_of_any_kind()
     if system.defines("exergy_offset"):
-        checked.owes("exergy_offset", checked.asked("exergy_offset"), checked.E, "the offset")
+        checked.owes("exergy_offset", checked.value_of("exergy_offset"), checked.E, "the offset")
 
 
 class _Checked:
@@ -199,7 +199,7 @@ class _Checked:
             parts = [Unit(u.of, float(x)) for u, x in zip(units, np.ravel(values), strict=True)]
             vars(self.clone)[name] = np.array([*parts, None], dtype=object)[:-1].reshape(values.shape)[()]
 
-    def asked(self, name: str, *arguments: Any) -> Any:
+    def value_of(self, name: str, *arguments: Any) -> Any:
         return inspect.unwrap(getattr(self.kind, name))(self.clone, *arguments)
 
     def owes(self, name: str, values: Any, wanted: Unit, what: str) -> None:
@@ -212,7 +212,7 @@ class _Checked:
     def elements(self) -> None:
         """Formulas of elements: what each takes and gives follows from the units of q, p and s."""
         n = self.system.layout["q"][1]
-        vars(self.clone)["shape"] = partial(self.asked, "shape")  # which entropies() may ask for
+        vars(self.clone)["shape"] = partial(self.value_of, "shape")  # which entropies() may ask for
         q, p, s = (
             np.array([*part, None], dtype=object)[:-1] for part in (self.z[:n], self.z[n : 2 * n], self.z[2 * n :])
         )
@@ -221,42 +221,43 @@ class _Checked:
         if "s" not in self.system.units:
             s[:] = self.S
         theta = self.E / s
-        for value, x, y in zip(np.ravel(self.asked("inertia") * np.ones(n)), q, p, strict=True):
+        for value, x, y in zip(np.ravel(self.value_of("inertia") * np.ones(n)), q, p, strict=True):
             self.owes("inertia", value, y * self.t / x, "the inertia of a momentum over a velocity")
             self.owes("inertia", y * y / value, self.E, "p^2 over the inertia")
-        pi = np.asarray(self.asked("shape", q), dtype=object)
-        self.owes("element_energy", self.asked("element_energy", pi, s), self.E, "the energy of an element")
+        pi = np.asarray(self.value_of("shape", q), dtype=object)
+        self.owes("element_energy", self.value_of("element_energy", pi, s), self.E, "the energy of an element")
         gives = [("conduction", "a rate of s", s / self.t, [theta]), ("entropies", "an entropy", s, [q, theta])]
         for name, what, wanted, arguments in gives:
-            for value, u in zip(np.ravel(np.asarray(self.asked(name, *arguments), dtype=object)), wanted, strict=True):
+            values = np.ravel(np.asarray(self.value_of(name, *arguments), dtype=object))
+            for value, u in zip(values, wanted, strict=True):
                 self.owes(name, value, u, what)
         if self.system.defines("entropy_scale"):
-            self.owes("entropy_scale", self.asked("entropy_scale"), s[0], "the size of an entropy")
+            self.owes("entropy_scale", self.value_of("entropy_scale"), s[0], "the size of an entropy")
         if self.system.defines("conduction_flow"):
-            self.owes("conduction_flow", self.asked("conduction_flow", theta, self.t)[0], s[0], "a change of s")
+            self.owes("conduction_flow", self.value_of("conduction_flow", theta, self.t)[0], s[0], "a change of s")
         if self.system.defines("invariants"):
-            self.asked("invariants", q, p)
+            self.value_of("invariants", q, p)
 
     def system_of_any_kind(self) -> None:
         system, z, (E, S, t) = self.system, self.z, (self.E, self.S, self.t)
         state, dE, dS = (system.state(np.array(x, dtype=object)) for x in (z, [E / u for u in z], [S / u for u in z]))
         for name, wanted in (("energy", E), ("entropy", S)):
-            self.owes(name, self.asked(name, state), wanted, f"the {name}")
+            self.owes(name, self.value_of(name, state), wanted, f"the {name}")
         for name, matrix, of in (("reversible", "poisson", E), ("irreversible", "friction", S)):
             if system.defines(name):
-                for variable, rate in self.asked(name, state, dE, dS).items():
+                for variable, rate in self.value_of(name, state, dE, dS).items():
                     first, end, _ = system.layout[variable]
                     for x, u in zip(np.ravel(np.asarray(rate, dtype=object)), z[first:end], strict=True):
                         self.owes(name, x, u / t, f"the rate of {variable}")
             elif system.defines(matrix):
-                entries = np.asarray(self.asked(matrix, state), dtype=object)
+                entries = np.asarray(self.value_of(matrix, state), dtype=object)
                 for (i, j), x in np.ndenumerate(entries):
                     self.owes(matrix, x, z[i] * z[j] / (of * t), f"row {i}, column {j}")
         if system.defines("temperature"):
-            self.owes("temperature", self.asked("temperature", state, dE, dS), E / S, "a temperature")
+            self.owes("temperature", self.value_of("temperature", state, dE, dS), E / S, "a temperature")
         for name in ("invariants", "measures"):  # of any unit, each of one
             if system.defines(name):
-                self.asked(name, state)
+                self.value_of(name, state)
 
 
 def _flat(units_of: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]) -> list[Unit]:

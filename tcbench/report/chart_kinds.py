@@ -26,10 +26,10 @@ def own_kinds() -> dict[str, Chart]:
 
 def kinds() -> dict[str, Chart]:
     """Every chart by name, those of plugins last."""
-    return own_kinds() | brought()
+    return own_kinds() | plugin_kinds()
 
 
-def brought() -> dict[str, Chart]:
+def plugin_kinds() -> dict[str, Chart]:
     """The charts of plugins; one that is called like one of tcbench's own is refused, for that would be lost."""
     charts = plugins.registry().charts
     for name in set(charts).intersection(own_kinds()):

@@ -46,8 +46,8 @@ def panels_of(
     with theme.using(theme.Theme(families=families(tables, declared))):
         for chart in charts:
             try:
-                said = tuple(schemas[name] for name in (*chart.needs, *chart.also) if name in schemas)
-                of = _sheets(chart, indexed, part, said) if chart.possible(indexed) and not chart.picture else {}
+                own = tuple(schemas[name] for name in (*chart.needs, *chart.also) if name in schemas)
+                of = _sheets(chart, indexed, part, own) if chart.possible(indexed) and not chart.picture else {}
             except MemoryError:
                 raise
             except Exception as error:  # of a plugin's function
@@ -60,10 +60,11 @@ def panels_of(
 
 
 def _sheets(
-    chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any], said: tuple[Table, ...]
+    chart: Chart, tables: Mapping[str, Any], part: Callable[..., Any], schemas: tuple[Table, ...]
 ) -> dict[str, list[dict[str, Any]]]:
     """Its panels by scenario. part : (name of a table, scenario) -> its rows, as `Chart.select`, of all charts."""
-    draw, shown, page = getattr(chart.panels, "__wrapped__", chart.panels), {}, PageTable(tables[chart.needs[0]], said)
+    draw, shown = getattr(chart.panels, "__wrapped__", chart.panels), {}
+    page = PageTable(tables[chart.needs[0]], schemas)
     for scenario in chart.scenarios(tables):
         panels = draw(*(part(name, scenario) for name in (*chart.needs, *chart.also)))
         if not hasattr(panels, "savefig"):
@@ -92,7 +93,7 @@ def _axis(panel: Panel, which: str, scale: str, page: PageTable) -> dict[str, An
     domain = [float(numbers.min()), float(numbers.max())] if len(numbers) else None
     values = [getattr(one, which) for one in panel.series[:1]]
     values += [places for row in panel.rows for places in row.marks.values() if which == "x"]
-    worse = next((column(str(of.name), *page.said).worse for of in values if hasattr(of, "name")), "")
+    worse = next((column(str(of.name), *page.schemas).worse for of in values if hasattr(of, "name")), "")
     better = {"": "", "lower": "more"}.get(worse, "less")
     return _shown({"label": getattr(panel, which), "scale": scale, "better": better}) | {
         "domain": [-0.02, 1.02] if scale == "share" else domain
@@ -121,9 +122,9 @@ def steps(rows: NDArray[Any]) -> list[int]:
 class PageTable:
     """What the page has of a chart's first table already."""
 
-    def __init__(self, table: DataFrame, said: tuple[Table, ...]) -> None:
-        self.count, self.said = len(table), said
-        self.column = cache(lambda name: finite(table[name]) if name in table and column(name, *said).shown else None)
+    def __init__(self, table: DataFrame, schemas: tuple[Table, ...]) -> None:
+        self.count, self.schemas = len(table), schemas
+        self.column = cache(lambda n: finite(table[n]) if n in table and column(n, *schemas).shown else None)
 
     def rows(self, values: Any) -> NDArray[Any]:
         """Those of the table that a column is of; NOWHERE if it is none of its columns."""

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..chart import Tables
-from ..studies.columns import ERROR_MAX, KEPT, claim_column, invariant_columns
+from ..studies.columns import ERROR_MAX, LAW_TOLERANCE, claim_column, invariant_columns
 from ..systems.energy_scale import HIDDEN
 from .marks import MARKS, mark_of, mark_of_limit
 from .words import is_finite, power
@@ -85,7 +85,7 @@ def times_over_best(results: DataFrame, key: str = "time 1e-06") -> dict[str, li
 
 def is_kept(law: str, value: Any) -> Any:
     """Whether a law is kept by this loss, or by each of a column of them."""
-    return value <= (0 if law == "entropy" else KEPT)
+    return value <= (0 if law == "entropy" else LAW_TOLERANCE)
 
 
 def losses(table: DataFrame, law: str) -> Any:

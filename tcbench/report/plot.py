@@ -108,7 +108,7 @@ def draw(
     chosen = find_kind(kind)
     if ax is not None and size is not None:
         raise TcbenchError("An Axes has the size of its figure: give ax or size, not both.")
-    wanted = theme.asked(methods, size, font_size, style, ax)
+    wanted = theme.theme_of(methods, size, font_size, style, ax)
     tables, declared = _tables(chosen, data, dt)
     if not chosen.possible(tables):
         raise TcbenchError(_absent(chosen, tables))

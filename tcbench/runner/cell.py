@@ -12,7 +12,7 @@ import orjson
 from ..errors import TcbenchError
 from .codec import PACKED, canonical_json, digest, to_json
 
-KEPT = ("sweep",)  # options that decide what a row keeps, and nothing that it measures
+STORAGE = ("sweep",)  # options that decide what a row keeps, and nothing that it measures
 
 
 @dataclass(frozen=True)
@@ -55,4 +55,4 @@ class Cell:
 
 def identity_of(cell: Mapping[str, Any]) -> str:
     """What a cell measures, whatever its row keeps."""
-    return canonical_json({**cell, "options": {k: v for k, v in cell.get("options", {}).items() if k not in KEPT}})
+    return canonical_json({**cell, "options": {k: v for k, v in cell.get("options", {}).items() if k not in STORAGE}})

@@ -78,7 +78,7 @@ def compare(
     schemas = table_schemas(declared)
     before, after = (_rows(store, schemas, problems) for store in stores)
     if not before.keys() & after.keys():
-        held = ", and ".join(_held(side) for side in (before, after))
+        held = ", and ".join(_contents(side) for side in (before, after))
         raise TcbenchError(
             f"{stores[0].folder} and {stores[1].folder} have no row in common, so that nothing can be compared: {held}."
             " Run the same methods, scenarios and studies into both."
@@ -95,7 +95,7 @@ def compare(
         entries += _changes(place, values)
         if timings and schema.timed:
             entries += _time(place, values)
-    filled = {(p.study, n) for p in common for side in (before, after) for n, v in side[p].items() if _given(v)}
+    filled = {(p.study, n) for p in common for side in (before, after) for n, v in side[p].items() if _is_filled(v)}
     alone = [f"Only one of the runs has the column {name} of {study}." for study, name in sorted(absent & filled)]
     changes = pandas.DataFrame(entries, columns=list(COLUMNS))
     changes.attrs["problems"] = [*stores[0].problems, *stores[1].problems, *problems, *alone]
@@ -173,7 +173,7 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def _held(rows: Mapping[Place, Row]) -> str:
+def _contents(rows: Mapping[Place, Row]) -> str:
     """Which methods and scenarios a side has, in a few words."""
     pairs = sorted({f"{place.integrator} on {place.scenario}" for place in rows})
     return f"one has {', '.join(pairs[:2])}{f' and {len(pairs) - 2} more' if len(pairs) > 2 else ''}"
@@ -198,7 +198,7 @@ Values = Sequence[tuple[Column, Any, Any]]  # what is known of a column, and its
 def _changes(place: Place, values: Values) -> list[Row]:
     """What differs between two rows: the status, or else the values beyond noise."""
     old, new = next(((a, b) for one, a, b in values if one.name == "status"), ("ok", "ok"))
-    if old != new and _given(old) and _given(new):
+    if old != new and _is_filled(old) and _is_filled(new):
         return [_entry(place, "status", "status", old, new, worse=old == "ok")]
     entries = []
     for one, a, b in values:
@@ -222,7 +222,7 @@ def _time(place: Place, values: Values) -> list[Row]:
 
 def _difference(a: Any, b: Any) -> float:
     """Relative difference of two values; infinite where they differ in kind, 0 where they are equal."""
-    a, b = (v if _given(v) else None for v in (a, b))
+    a, b = (v if _is_filled(v) else None for v in (a, b))
     if a == b:
         return 0.0
     if _is_number(a) and _is_number(b) and math.isfinite(a) and math.isfinite(b):
@@ -230,7 +230,7 @@ def _difference(a: Any, b: Any) -> float:
     return math.inf
 
 
-def _given(value: Any) -> bool:
+def _is_filled(value: Any) -> bool:
     return not (value is None or value == "" or (isinstance(value, float) and math.isnan(value)))
 
 

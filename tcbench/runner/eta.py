@@ -9,7 +9,7 @@ from typing import Any
 
 from .cell import Cell
 
-SEEN = 0.5  # of the cells that are left have had one of their study and method, or there is no ground for a number
+GROUND = 0.5  # of the cells that are left have had one of their study and method, or there is no ground for a number
 
 
 class Remaining:
@@ -53,4 +53,4 @@ class Remaining:
                 return None
             seen += count if own else 0
             total += count * times[0] / times[1] / (1 if timed else self._jobs)
-        return total if seen >= SEEN * (+self._left).total() else None
+        return total if seen >= GROUND * (+self._left).total() else None

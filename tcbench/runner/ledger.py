@@ -48,18 +48,18 @@ class Summary:
 
 def plan(
     cells: Iterable[Cell], store: Rows, retry_failed: bool = False, made_by: Mapping[str, str] | None = None,
-    here: Collection[str] = (), machine: str = "",
+    local: Collection[str] = (), machine: str = "",
 ) -> tuple[list[Cell], Summary]:  # fmt: skip
     """Which cells would run, and what is known of the run before it. made_by : by key what they would be made by.
 
     A final row is used again if it was made by the same, and on the same `machine` if it is a timing. Cells whose keys
-    are in `here` are measured each time. Duplicate cells count once.
+    are in `local` are measured each time. Duplicate cells count once.
     """
     unique = list({cell.key: cell for cell in cells}.values())
 
     def is_kept(cell: Cell) -> bool:
         line = store.line(cell.key)
-        if line is None or cell.key in here or line["made_by"] != (made_by or {}).get(cell.key, ""):
+        if line is None or cell.key in local or line["made_by"] != (made_by or {}).get(cell.key, ""):
             return False
         row = line["row"]
         final = row.get("status") == "ok" if retry_failed else is_finished(row)

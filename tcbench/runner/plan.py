@@ -48,7 +48,7 @@ class Context(TypedDict):
 class Job:
     """Everything that a run will do, before it does it.
 
-    here : by key, cells of what workers cannot look up (objects of a notebook), measured in this process.
+    local : by key, cells of what workers cannot look up (objects of a notebook), measured in this process.
     left_out : why methods that were asked for by name are in none of a study's cells. notes : absent peers, steps that
     do not apply, plugins that were not loaded. packages : that the methods require. declared : what methods and
     scenarios say of themselves.
@@ -57,7 +57,7 @@ class Job:
     cells: list[Cell]
     context: Context
     studies: list[Study]
-    here: Mapping[str, tuple[Integrator, Scenario]] = field(default_factory=dict)
+    local: Mapping[str, tuple[Integrator, Scenario]] = field(default_factory=dict)
     left_out: Sequence[str] = ()
     notes: Sequence[str] = ()
     packages: Sequence[str] = ()
@@ -67,34 +67,34 @@ class Job:
 class _Options(UserDict[str, Any]):
     """The options of a run, and which of them its studies have asked for."""
 
-    asked: set[str]
+    requests: set[str]
 
     def __getitem__(self, name: str) -> Any:
-        self.asked.add(name)
+        self.requests.add(name)
         return super().__getitem__(name)
 
     def __contains__(self, name: object) -> bool:
-        self.asked.add(str(name))
+        self.requests.add(str(name))
         return super().__contains__(name)
 
     def __init__(self, options: Mapping[str, Any]) -> None:
-        self.asked = set()
+        self.requests = set()
         super().__init__(options)
 
     @contextmanager
-    def asked_by(self) -> Iterator[set[str]]:
-        """What is asked for within the block alone."""
-        before, self.asked = self.asked, set()
-        yield self.asked
-        self.asked |= before
+    def recorded(self) -> Iterator[set[str]]:
+        """The names that are asked for within the block alone."""
+        before, self.requests = self.requests, set()
+        yield self.requests
+        self.requests |= before
 
     def check(self, names: Mapping[str, Any]) -> None:
         """Refuse those that no study has asked for: a misspelt one would be left out without a word."""
         for name in names:
-            if names[name] is not None and name not in self.asked:
+            if names[name] is not None and name not in self.requests:
                 random = name in ("size", "seed", "budget")
                 remedy = f"{name} is for random scenarios: the study ensemble, and maps of them." if random else ""
-                raise unknown_name("option of the chosen studies", name, self.asked, remedy)
+                raise unknown_name("option of the chosen studies", name, self.requests, remedy)
 
 
 def plan_job(
@@ -123,16 +123,16 @@ def plan_job(
     settings = _Options({"dt": _checked_steps(None if dt is None else list(dt), selected), **(options or {})})
     cells, own_steps = _Cells(selected), list[str]()
     for study in chosen:
-        with settings.asked_by() as asked:
+        with settings.recorded() as requests:
             planned = study.planned(methods, _of_study(study, selected, named), settings)
-        own_steps += [study.name] if dt and planned and "dt" not in asked else []
+        own_steps += [study.name] if dt and planned and "dt" not in requests else []
         for method, scenario, cell_options in planned:
             if not method.suits(scenario.model):
                 cells.add(study, method, scenario, cell_options)
     settings.check(options or {})
     left_out: list[str] = []
     if integrators is not None:
-        left_out += [*_left_out(methods, chosen, selected, cells.seen, by_study), *_unsuited(methods, selected)]
+        left_out += [*_left_out(methods, chosen, selected, cells.studied, by_study), *_unsuited(methods, selected)]
     if not cells.cells:
         raise TcbenchError(
             " ".join(["There is nothing to run: no integrator, scenario and step fit together.", *left_out])
@@ -142,7 +142,7 @@ def plan_job(
     notes += sorted(_no_laws(methods, [*cells.used.values()]))
     packages = sorted({name for method in methods for name in method.requires})
     return Job(
-        list(cells.cells.values()), cells.context([s.name for s in chosen if s.fresh]), chosen, cells.here, left_out,
+        list(cells.cells.values()), cells.context([s.name for s in chosen if s.fresh]), chosen, cells.local, left_out,
         notes, packages, lambda: declared(methods, selected, absent, chosen),
     )  # fmt: skip
 
@@ -152,9 +152,9 @@ class _Cells:
 
     def __init__(self, selected: Sequence[Scenario]) -> None:
         self.cells: dict[str, Cell] = {}
-        self.here: dict[str, tuple[Integrator, Scenario]] = {}
+        self.local: dict[str, tuple[Integrator, Scenario]] = {}
         self.used = {s.name: s for s in selected}
-        self.seen: set[tuple[str, str]] = set()  # method and study
+        self.studied: set[tuple[str, str]] = set()  # method and study
         self._needs: dict[str, set[str]] = {}
         self._made_by: dict[str, str] = {}
         self._pairs: dict[tuple[str, str, str], str] = {}
@@ -165,7 +165,7 @@ class _Cells:
     def add(self, study: Study, method: Integrator, scenario: Scenario, options: dict[str, Any]) -> None:
         name = scenario.name
         self.used.setdefault(name, scenario)
-        self.seen.add((method.name, study.name))
+        self.studied.add((method.name, study.name))
         if name not in self._by_name:
             self._by_name[name] = _can_be_named(scenario)
             self._custom[name] = None if self._by_name[name] else scenario_data(scenario)
@@ -174,7 +174,7 @@ class _Cells:
         cell, custom = Cell(study.name, method.name, name, options, study.is_timed(options)), self._custom[name]
         self.cells[cell.key] = cell
         if not self._registered[method.name] or not (self._by_name[name] or custom):
-            self.here[cell.key] = method, scenario
+            self.local[cell.key] = method, scenario
         pair = study.name, method.name, name
         if pair not in self._pairs:
             self._pairs[pair] = hashes.made_by(method, scenario, study, custom)
@@ -182,10 +182,10 @@ class _Cells:
             metrics = [m.plugin for m in plugins.metrics().values()] if study.metrics else []
             self._needs.setdefault(method.name, set()).update(plugins.needs(*own, *metrics))
         drawn = f"+{digest(study.drawn(scenario, options))[:12]}" if study.drawn else ""
-        self._made_by[cell.key] = "session" if cell.key in self.here else self._pairs[pair] + drawn  # never used again
+        self._made_by[cell.key] = "session" if cell.key in self.local else self._pairs[pair] + drawn  # never used again
 
     def context(self, fresh: list[str]) -> Context:
-        named = {name: brought(labels) for name, labels in self._needs.items() if labels}
+        named = {name: foreign_plugins(labels) for name, labels in self._needs.items() if labels}
         custom = {name: data for name, data in self._custom.items() if data}
         return Context(
             folders=[str(folder) for folder in plugins.plugin_folders()], brought_by=named, made_by=self._made_by,
@@ -193,7 +193,7 @@ class _Cells:
         )  # fmt: skip
 
 
-def brought(labels: Iterable[str]) -> list[tuple[str, str, str]]:
+def foreign_plugins(labels: Iterable[str]) -> list[tuple[str, str, str]]:
     """Name, distribution and path of the plugins of these labels, as `plugins.use_only` takes them."""
     origins = map(plugins.registry().origins.get, labels)
     return [(o.name, o.distribution, o.path if not o.distribution else "") for o in origins if o]
@@ -332,6 +332,6 @@ def preview(job: Job, output: Path, limits: Mapping[str, Any], fresh: bool = Fal
     could_write(output)
     store = Store.read(output) if (output / ROWS).exists() else Rows()
     rows, made_by = Rows() if fresh else store, job.context["made_by"]
-    to_run, summary = plan(job.cells, rows, limits["retry_failed"], made_by, job.here, machine_name())
+    to_run, summary = plan(job.cells, rows, limits["retry_failed"], made_by, job.local, machine_name())
     cores = limits["jobs"] or usable_cores()
     return summary, Remaining(to_run, cores, store.raw()).seconds() if to_run else 0.0

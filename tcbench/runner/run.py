@@ -185,8 +185,8 @@ def execute(
         run_all, machine = partial(run_on_dask, address=dask, security=security), ""
     with Store.open(output, fresh=fresh) as store:
         store.add_provenance(origin := provenance(packages=job.packages))
-        retry, from_rows = bool(limits.get("retry_failed")), job.context["made_by"]
-        todo, _ = plan(job.cells, store, retry, from_rows, job.here, machine)
+        retry, made_by = bool(limits.get("retry_failed")), job.context["made_by"]
+        todo, _ = plan(job.cells, store, retry, made_by, job.local, machine)
         # a cluster's workers come and go
         remaining = None if dask else Remaining(todo, limits.get("jobs") or usable_cores(), store.raw())
         with of_cells(progress, remaining) as show:
@@ -196,7 +196,7 @@ def execute(
                 if on_event is not None:
                     on_event(event)
 
-            remote = [cell for cell in job.cells if cell.key not in job.here]
+            remote = [cell for cell in job.cells if cell.key not in job.local]
             summary = run_all(remote, MEASURE, job.context, store, on_event=tell, machine=machine, **limits)
             if not summary.interrupted:
                 _measure_here(job, store, summary, tell)
@@ -221,13 +221,13 @@ def execute(
 
 def _measure_here(job: Job, store: Store, summary: Summary, on_event: Callable[[Event], None]) -> None:
     """Cells of what exists only in this process (a notebook, say): no isolation, no deadline, never used again."""
-    began, cells = time.monotonic(), [cell for cell in job.cells if cell.key in job.here]
+    began, cells = time.monotonic(), [cell for cell in job.cells if cell.key in job.local]
     summary.planned += len(cells)
     ledger = Ledger(store, summary, on_event, summary.run + len(cells), job.context["made_by"])
     try:
         for cell in cells:
             ledger.start(cell, 1)
-            row = complete_row(partial(measured, *job.here[cell.key], cell.as_dict()), {"timed": cell.timed})
+            row = complete_row(partial(measured, *job.local[cell.key], cell.as_dict()), {"timed": cell.timed})
             ledger.write(cell, row, 0)
     except KeyboardInterrupt:
         summary.interrupted = True

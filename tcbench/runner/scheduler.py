@@ -39,7 +39,7 @@ STOPPED_S = 2.0  # between two looks: this process was stopped, and with it perh
 START_LIMIT_S = 120.0  # a worker that has not imported the measuring code by then never will
 START_ATTEMPTS = 2  # failures to start in a row before the other cells of an integrator are given up
 LOG_LIMIT = 2**20  # bytes of output a worker may have; the file is emptied when it grows beyond
-KEPT = 8  # processes that wait, idle, for the timed cells of their integrators
+IDLE = 8  # processes that wait, idle, for the timed cells of their integrators
 SPLIT = 4  # cells that an integrator must have left for a second process to take half of them
 
 
@@ -105,7 +105,7 @@ class Crew:
 
     def __init__(self, ledger: Ledger, settings: Mapping[str, Any], timeout: float, folder: Path) -> None:
         self.ledger, self.settings, self.timeout, self.folder = ledger, settings, timeout, folder
-        self.said: queue.SimpleQueue[tuple[Worker, Child, bytes | None]] = queue.SimpleQueue()
+        self.messages: queue.SimpleQueue[tuple[Worker, Child, bytes | None]] = queue.SimpleQueue()
         self.busy: list[Worker] = []
         self.later: set[str] = set()  # integrators whose timed cells are still to come
         self.idle: dict[str, Worker] = {}
@@ -136,7 +136,7 @@ class Crew:
         while waiting or self.busy:
             self._staff(waiting, jobs)
             with contextlib.suppress(queue.Empty):
-                worker, child, line = self.said.get(timeout=TICK_S)
+                worker, child, line = self.messages.get(timeout=TICK_S)
                 worker.hear(child, line)
             since, last_look = time.monotonic() - last_look, time.monotonic()
             for worker in self.busy:
@@ -204,7 +204,7 @@ class Worker:
             self._child.call(self.cell.as_dict(), self._extra)
         if self.cell is None:
             crew = self.crew
-            if before and self._child and self._ready and before.integrator in crew.later and len(crew.idle) < KEPT:
+            if before and self._child and self._ready and before.integrator in crew.later and len(crew.idle) < IDLE:
                 crew.idle.setdefault(before.integrator, self)
             if self not in crew.idle.values():
                 self.discard()
@@ -267,7 +267,7 @@ class Worker:
         with open(self._log, "wb"):
             pass
         with open(self._log, "ab") as output:  # appending: after it was emptied writing goes on at its beginning
-            self._child = Child(lambda c, line: self.crew.said.put((self, c, line)), settings, output)
+            self._child = Child(lambda c, line: self.crew.messages.put((self, c, line)), settings, output)
 
     def _start_failed(self, how: str) -> None:
         """Try again; after some attempts all that is left of this integrator is given up."""

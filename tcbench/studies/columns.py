@@ -11,7 +11,7 @@ from typing import Any
 from ..table import Column, Table
 
 ERROR_MAX = "_error_max"
-KEPT = 1e-9  # relative error up to which a conserved quantity counts as kept: round-off and solver, over any horizon
+LAW_TOLERANCE = 1e-9  # relative error up to which a quantity counts as conserved: round-off, over any horizon
 _error = partial(Column, worse="larger")
 _timing = partial(Column, worse="higher", timing=True)
 _origin = partial(Column, shown=False, compared=False)

@@ -55,7 +55,7 @@ STATES = (*(shared(name, digits=6) for name in ("t", "dt", "tolerance")), Column
           Column("exact_error", digits=2), Column("*_error", digits=3))  # fmt: skip
 SHORT_S = 0.1  # a run as short as this is timed twice
 TOLERANCES = (1e-3, 1e-6, 1e-9)  # of adaptive solvers, which have no dt
-KEPT = (*series.ROW, "numbers", "sweep")  # what rows keep beside columns
+BESIDE = (*series.ROW, "numbers", "sweep")  # what rows keep beside columns
 MANY = 40  # scenarios: of more, a sweep, no course is kept, and rows have constants and initial values as columns
 OWN = 1e-6  # the tolerance that stands for the scenario's own step
 
@@ -95,7 +95,7 @@ def _of_plugins(run: Trajectory, row: Row) -> Row:
     said = []
     seen = read_only(run)  # by the other metrics, too, and by what the row keeps of the course
     for name, metric in plugins.metrics().items():
-        if name in row or name in (*CONSERVATION.names, *KEPT):
+        if name in row or name in (*CONSERVATION.names, *BESIDE):
             said.append(f"Metric {name!r} of {metric.plugin}: the table has a column of this name; rename the metric")
             continue
         try:
@@ -126,7 +126,7 @@ def _drawn(scenario: Scenario, options: Row) -> bool:
 
 
 def tabulate(records: Sequence[Row]) -> Tables:
-    rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in KEPT} for row in records]
+    rows = [(row.get("numbers") or {}) | {k: v for k, v in row.items() if k not in BESIDE} for row in records]
     names = set().union(*rows)
     order = [c for c in ("scenario", "integrator", "dt", "tolerance") if c in (*CONSERVATION.names, *names)]
     return {"conservation": table_of(rows, CONSERVATION, order)} | series.tables(records)

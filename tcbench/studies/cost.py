@@ -45,8 +45,8 @@ def time_to_accuracy(records: Sequence[Row]) -> list[Row]:
                 times = {name: reach(points, measure, target) for name, points in rungs.items()}
                 of_peers = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer")}
                 of_scipy = {r["integrator"]: times[r["integrator"]] for r in here if r.get("peer") == "scipy"}
-                peer, best = _least(of_peers)
-                scipy, best_scipy = _least(of_scipy)
+                peer, best = _best(of_peers)
+                scipy, best_scipy = _best(of_scipy)
                 rows += [
                     {
                         "integrator": name, "scenario": scenario, "measure": measure, "target": target, "time_s": time,
@@ -96,7 +96,7 @@ def _is_number(value: Any) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def _least(times: dict[str, float]) -> tuple[str, float]:
+def _best(times: dict[str, float]) -> tuple[str, float]:
     reached = {name: t for name, t in times.items() if _is_number(t)}
     if not reached:
         return "", math.nan

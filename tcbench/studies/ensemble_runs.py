@@ -18,7 +18,7 @@ from ..simulation.trajectory import Trajectory
 from ..study import Row
 from ..systems.element_system import ElementSystem
 from ..systems.scenario import Scenario
-from .columns import KEPT
+from .columns import LAW_TOLERANCE
 
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)  # of adaptive solvers
 COARSEST = 64  # steps over the horizon at the first rung of a ladder; each next rung has twice as many
@@ -79,7 +79,7 @@ def laws(run: Trajectory) -> dict[str, float]:
 
 def broken(run: Trajectory) -> dict[str, bool]:
     """Which laws the run broke beyond round-off, whether the method claims them or not."""
-    worst = {name: bool(error > KEPT) for name, error in laws(run).items()}
+    worst = {name: bool(error > LAW_TOLERANCE) for name, error in laws(run).items()}
     return worst | {"entropy": run.summary.second_law_violations > 0}
 
 

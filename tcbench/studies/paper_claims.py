@@ -24,7 +24,7 @@ ORDER_MARGIN = 0.03  # how far a measured order may be from the stated one
 NEAR_ZERO = 10.0  # a temperature that "tends to zero" falls below this; all start near 300
 IN_TIME = 0.2  # "at t = 12" is within a fifth of it
 TURNS = 3  # that make an oscillation: there, back and there again
-SEEN = 0.01  # of a curve's range, a turn that a figure shows
+TURN = 0.01  # of a curve's range, a turn that a figure shows
 VISIBLE = 1e-3  # an oscillation of the energy that a figure shows, in units of V0
 
 
@@ -157,8 +157,8 @@ def _swing(values: Any) -> float:
 
 
 def _turns(values: Any) -> int:
-    """How often a sequence turns, between rising and falling, by more than SEEN of its range: what a figure shows."""
-    threshold, turns, direction, extreme = SEEN * _swing(values), 0, 0, values[0]
+    """How often a sequence turns, between rising and falling, by more than TURN of its range: what a figure shows."""
+    threshold, turns, direction, extreme = TURN * _swing(values), 0, 0, values[0]
     for value in values[1:]:
         move = value - extreme
         if move * direction > 0 or (direction == 0 and abs(move) > threshold):  # onwards

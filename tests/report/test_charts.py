@@ -20,7 +20,7 @@ from tcbench.report.charts import ensemble, ladders, precision, style, theme
 from tcbench.report.charts import runs as time_charts
 from tcbench.report.charts.layout import name_lines, panels, spread
 from tcbench.report.charts.scales import ROUND_OFF, power_text, zero_log_axis
-from tcbench.report.charts.style import COLOURS, FIXED, KNOWN, OTHER, SKY, look
+from tcbench.report.charts.style import COLOURS, FIXED, OTHER, PAPER, SKY, look
 from tcbench.simulation import series
 
 pytestmark = pytest.mark.usefixtures("cells_here")
@@ -115,11 +115,11 @@ def test_runs_that_reached_the_end_are_hollow_above_those_that_failed():
 
 def test_an_integrator_looks_the_same_everywhere_and_neighbours_differ_in_print():
     assert look("scipy_radau") == look("scipy_radau") != look("cvode_bdf")
-    assert len({s.colour for s in KNOWN.values()}) == len({s.marker for s in KNOWN.values()}) == len(KNOWN)
-    assert not {s.colour for s in KNOWN.values()} & set(COLOURS)
+    assert len({s.colour for s in PAPER.values()}) == len({s.marker for s in PAPER.values()}) == len(PAPER)
+    assert not {s.colour for s in PAPER.values()} & set(COLOURS)
     assert look("midpoint_temperature[reading=rate]").colour == look("midpoint_temperature").colour
-    assert len({(s.marker, str(s.dash)) for s in KNOWN.values()}) == len(KNOWN)  # on paper colour is gone
-    for colour in [*(s.colour for s in KNOWN.values()), *COLOURS]:
+    assert len({(s.marker, str(s.dash)) for s in PAPER.values()}) == len(PAPER)  # on paper colour is gone
+    for colour in [*(s.colour for s in PAPER.values()), *COLOURS]:
         luminance = np.dot(to_rgb(colour), [0.2126, 0.7152, 0.0722])
         assert 0.1 < luminance < 0.75  # neither lost on white nor taken for the axes
 

@@ -139,8 +139,8 @@ class _Ends:
         stable, plain = numbers(table, "dt_stable"), numbers(table, "dt_stable_plain")
         self.half, self.cap = numbers(table, "dt_half").values, numbers(table, "dt_cap").values
         self.tried = [stable.values, plain.values, self.half, self.cap, numbers(table, "dt_unstable").values]
-        self.known, free = table["limit"].notna().to_numpy(), table["limit"].eq("none").to_numpy()
-        self.limited = self.known & ~free
+        self.searched, free = table["limit"].notna().to_numpy(), table["limit"].eq("none").to_numpy()
+        self.limited = self.searched & ~free
         self.stable = stable.values
         self.at = replace(stable, values=np.where(free & np.isnan(stable.values), self.cap, stable.values))
         causes = table["cause"] if "cause" in table else table["limit"]
@@ -148,7 +148,7 @@ class _Ends:
         self.kinds = np.where(np.isfinite(self.at.values), np.array(kinds, dtype=object), "x")
         self.plain, ends = plain, table["limit_plain"].ne("none").to_numpy() if "limit_plain" in table else True
         self.plain_ends = np.isfinite(plain.values) & ends
-        again = table["non_monotone"].fillna(False).astype(bool) if "non_monotone" in table else self.known & False
+        again = table["non_monotone"].fillna(False).astype(bool) if "non_monotone" in table else self.searched & False
         self.again = np.asarray(again)
 
     def marked(self, rows: Any) -> dict[str, Any]:
@@ -171,7 +171,7 @@ class _Ends:
         """Over every scenario: marks where they end, a bar to the first of them; by family, then by its length."""
         rows, kinds, families = {}, [*FAMILIES], theme.current().families
         for name, all_rows in methods.items():
-            mine = all_rows[self.known[all_rows]]
+            mine = all_rows[self.searched[all_rows]]
             ends, cap = mine[self.limited[mine]], np.fmax.reduce(self.cap[mine], initial=math.nan)
             nearest = np.nan_to_num(self.stable[ends]).min(initial=math.inf)
             marks = {mark: places for mark, places in self.marked(mine).items() if mark != ">" or not len(ends)}

@@ -20,7 +20,7 @@ from .style import GREY, OTHER, ink, look, short
 from .theme import current, scale
 
 LETTER = 0.064  # inches of a letter of a title or a legend, at type of 9 points
-LEAST = (0.85, 0.5)  # inches of a panel that can still be read, at type of 9 points
+SMALLEST = (0.85, 0.5)  # inches of a panel that can still be read, at type of 9 points
 ROWS = 4  # of a legend above the panels; a longer one stands beside them
 NAME = 7.5  # points of a name at a line
 
@@ -79,7 +79,7 @@ def settle(figure: Figure) -> bool:
 
 def check_room(figure: Figure) -> None:
     """TooSmall where the panels cannot be read in the size that was asked for."""
-    smallest, fits = np.array(LEAST) * scale() * figure.dpi, settle(figure)
+    smallest, fits = np.array(SMALLEST) * scale() * figure.dpi, settle(figure)
     if not fits or any(np.any(ax.get_window_extent().size < smallest) for ax in figure.axes if ax.get_subplotspec()):
         size = " x ".join(f"{length:.3g}" for length in figure.get_size_inches())
         raise TooSmall(f"{size} inches are too few for the panels of this chart: ask for more, or smaller type.")

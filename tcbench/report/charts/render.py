@@ -37,17 +37,17 @@ FREE = 40  # points, each of which has its mark
 CLOUD = 500  # points of a panel that are not joined, of which each is small
 
 
-Asked = ParamSpec("Asked")
+Arguments = ParamSpec("Arguments")
 
 
-def chart(draw: Callable[Asked, Any], crowded: bool = True) -> Callable[Asked, Figure]:
+def chart(draw: Callable[Arguments, Any], crowded: bool = True) -> Callable[Arguments, Figure]:
     """Draw panels, or a figure, with tcbench's style and the theme's over the caller's matplotlib settings.
 
     Of many methods those that lead are in colour, the rest is grey: `report.highlight`; where not crowded, all of them.
     """
 
     @wraps(draw)
-    def styled(*arguments: Asked.args, **options: Asked.kwargs) -> Figure:
+    def styled(*arguments: Arguments.args, **options: Arguments.kwargs) -> Figure:
         chosen = theme.current()
         tables = [a for a in arguments if hasattr(a, "columns")]
         methods = list(dict.fromkeys(name for table in tables for name in names(table)))

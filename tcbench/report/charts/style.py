@@ -38,14 +38,14 @@ class Look(NamedTuple):
     dash: Any
 
 
-KNOWN = {
+PAPER = {
     "tc_monolithic": Look(BLUE, "o", "-"),
     "tc_staggered": Look(SKY, "s", "--"),
     "tc_strang": Look(GREEN, "^", "-."),
     "midpoint_entropy": Look(ORANGE, "D", "-"),
     "midpoint_temperature": Look(RED, "v", "--"),
 }
-FIXED = KNOWN | {  # that lead or are compared with most often: those of one dash differ for the colour-blind, too
+FIXED = PAPER | {  # that lead or are compared with most often: those of one dash differ for the colour-blind, too
     "tc_auto": Look(INDIGO, "*", "-"),
     "tc_gauss": Look(TEAL, "h", "-"),
     "tc_gauss_adaptive": Look(WINE, "p", DASHES[4]),
@@ -80,7 +80,7 @@ def preferred(name: str) -> Look:
 def looks(methods: Sequence[str], fixed: Mapping[str, Look] | None = None) -> dict[str, Look]:
     """Looks that differ: as preferred, but no marker twice while one is free, and no colour twice with one dash.
 
-    known : of a whole run, which its charts keep. A cycle of properties in the theme's settings is followed instead,
+    fixed : of a whole run, which its charts keep. A cycle of properties in the theme's settings is followed instead,
     in the order of the methods.
     """
     if own := list(theme.current().settings.get(theme.CYCLE, ())):
@@ -95,7 +95,7 @@ def looks(methods: Sequence[str], fixed: Mapping[str, Look] | None = None) -> di
         if "[" not in name:
             wish = wish._replace(colour=min(_from(COLOURS, wish.colour), key=[t.colour for t in taken].count))
         markers, worn = {t.marker for t in taken}, {t.marker for t in taken if t.colour == wish.colour}
-        every = _from((*MARKERS, *(k.marker for k in KNOWN.values())), wish.marker)
+        every = _from((*MARKERS, *(k.marker for k in PAPER.values())), wish.marker)
         free = [*(m for m in every if m not in markers), *(m for m in every if m not in worn), wish.marker]
         lines = {(t.colour, t.dash) for t in taken}
         dash = next((d for d in _from(DASHES, wish.dash) if (wish.colour, d) not in lines), wish.dash)
@@ -123,7 +123,7 @@ def names(table: DataFrame, column: str = "integrator") -> list[str]:
 def by_name(table: DataFrame, column: str = "integrator") -> dict[str, NDArray[np.intp]]:
     """Each of `names`, and the places of its rows."""
     groups = table.groupby(column, sort=False).indices if column in table else {}
-    rows_of, first = {str(name): rows for name, rows in groups.items()}, [*theme.current().labels, *KNOWN]
+    rows_of, first = {str(name): rows for name, rows in groups.items()}, [*theme.current().labels, *PAPER]
     rest = theme.current().rest
     order = sorted(rows_of, key=lambda n: (n not in rest, first.index(n) if n in first else len(first), n))
     return {name: rows_of[name] for name in order}

@@ -76,7 +76,7 @@ def scale() -> float:
     return float(matplotlib.rcParams["font.size"]) / FONT_SIZE
 
 
-def asked(
+def theme_of(
     methods: str | Sequence[str] | Mapping[str, str] | None, size: str | Sequence[float] | None,
     font_size: float | None, style: str | Path | Mapping[str, Any] | None, axes: Any = None,
 ) -> Theme:  # fmt: skip
