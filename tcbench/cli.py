@@ -45,9 +45,7 @@ def done_by(place: str) -> Callable[[Callable[[], None]], Callable[..., None]]:
     def decorated(described: Callable[[], None]) -> Callable[..., None]:
         @functools.wraps(described)
         def does(**options: Any) -> None:
-            if (
-                place.startswith("simulate") and "numpy" not in sys.modules
-            ):  # its threads take longer to start than a run
+            if place.startswith("simulate") and "numpy" not in sys.modules:  # threads take longer than the run
                 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
             if code := pkgutil.resolve_name(f"{__package__}.commands.{place}")(**options):
                 sys.exit(code)

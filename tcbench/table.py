@@ -151,9 +151,7 @@ class Table:
 
     def as_dict(self) -> dict[str, Any]:
         """It as JSON values; `from_dict` makes it of them."""
-        return _set_fields(self) | {
-            "columns": [one if isinstance(one, str) else _set_fields(one) for one in self.columns]
-        }
+        return _parts(self) | {"columns": [one if isinstance(one, str) else _parts(one) for one in self.columns]}
 
 
 def from_dict(data: Mapping[str, Any]) -> Table | None:
@@ -172,6 +170,6 @@ def _tuples(data: Mapping[str, Any]) -> dict[str, Any]:
     return {name: tuple(value) if isinstance(value, list) else value for name, value in data.items()}
 
 
-def _set_fields(one: Column | Table) -> dict[str, Any]:
+def _parts(one: Column | Table) -> dict[str, Any]:
     """Its fields that are not as they are by default."""
     return {f.name: value for f in fields(one) if (value := getattr(one, f.name)) != f.default or f.default is MISSING}

@@ -182,11 +182,9 @@ def _contents(rows: Mapping[Place, Row]) -> str:
 def _one_sided(before: Mapping[Place, Row], after: Mapping[Place, Row], schemas: Mapping[str, Table]) -> Iterator[Row]:
     """Counted; how far a timed ladder of a pair goes depends on the time, and is told of no pair that both have."""
     for kind, own, other in zip(ONE_SIDED, (before, after), (after, before), strict=True):
-        others = {place[:3] for place in other}
+        pairs = {place[:3] for place in other}
         alone = [p for p in own if p not in other]
-        counts = Counter(
-            p[:3] for p in alone if not (p[:3] in others and p.study in schemas and schemas[p.study].timed)
-        )
+        counts = Counter(p[:3] for p in alone if not (p[:3] in pairs and p.study in schemas and schemas[p.study].timed))
         for names, count in counts.items():
             sides = (count, None) if kind == "missing" else (None, count)
             yield _entry(Place(*names, "{}"), kind, "rows", *sides)

@@ -267,14 +267,12 @@ def _not_run(
 def _no_laws(methods: Sequence[Integrator], used: Sequence[Scenario]) -> Iterator[str]:
     """Sentences on claims of what no system has: misspelt, they would not be judged, as if nothing were claimed."""
     for method in methods:
-        claims = set(method.claims) - {"energy", "entropy"}
+        laws = set(method.claims) - {"energy", "entropy"}
         for scenario in (*used, *plugins.registry().scenarios.values()):
-            if not claims:
+            if not laws:
                 break
-            claims -= set(scenario.model.invariant_names)
-        yield from (
-            f"{method.name} claims {claim!r}, which no system has: tcbench check says more." for claim in claims
-        )
+            laws -= set(scenario.model.invariant_names)
+        yield from (f"{method.name} claims {law!r}, which no system has: tcbench check says more." for law in laws)
 
 
 def _unsuited(methods: Sequence[Integrator], scenarios: Sequence[Scenario]) -> Iterator[str]:

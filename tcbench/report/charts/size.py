@@ -32,11 +32,10 @@ def size(table: DataFrame, fits: DataFrame | None = None, y: Sequence[str] | Non
 def _lines(rows: DataFrame, fits: DataFrame | None, family: str, column: str) -> Panel:
     rows = rows[rows["family"].astype(str) == family]
     good, slope = rows[np.isfinite(finite(rows["numbers"])) & (finite(rows[column]) > 0)], GROWING.get(column, "")
-    slopes = (
-        {} if fits is None or slope not in fits else fits.set_index(["family", "integrator", "dt"])[slope].to_dict()
-    )
+    keys = ["family", "integrator", "dt"]
+    slopes = {} if fits is None or slope not in fits else fits.set_index(keys)[slope].to_dict()
     series = []
-    for (name, dt), mine in good.groupby(["integrator", "dt"], sort=False):
+    for (name, dt), mine in good.groupby(keys[1:], sort=False):
         exponent = slopes.get((family, name, dt), np.nan)
         of = mine.sort_values("numbers")
         text = f"{exponent:.2f}" if np.isfinite(exponent) else ""
