@@ -64,7 +64,7 @@ class Unit(np.lib.mixins.NDArrayOperatorsMixin):
         if self.is_number:
             return "a pure number"
         names = (name for name in SHOWN if self.like(unit(name)))
-        return next(names, f"{self.of:~P}")
+        return next(names, f"{self.of:~P}".replace("⋅", "·"))  # pint's dot differs by version
 
     def like(self, other: Unit) -> bool:
         return abs(_ratio(self.of, other.of) - 1.0) <= NEGLIGIBLE
