@@ -140,6 +140,8 @@ def is_hidden(w: Work, before: Floats, after: Floats, i: int, h: float) -> bool:
     """Does number i, positive where rates are not flat, become positive between two states and larger than at both by
     RISE, so that these show nothing of what is there? Arguments as of `jump_between`."""
     n = w.n_kinks // 2
+    if min(before[i], after[i]) < 0.0 and max(before[i], after[i]) > FAINT:
+        return True
     left, right, seen = 0.0, 1.0, max(before[i], after[i]) + RISE
     x = summit(before[i], after[i], h * before[i + n], h * after[i + n], seen)
     if x < 0.0:

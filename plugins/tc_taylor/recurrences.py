@@ -95,15 +95,14 @@ class Recurrences(Generic[X]):
         return [*older, (a(n // 2),) * 2] if n % 2 == 0 else older
 
     def _quotient(self, x: X, n: int) -> Any:
-        """(u_n - sum_(0<j<=n) v_j q_(n-j)) / v_0: one operation from the newest of u on, and from that of v."""
+        """(u_n - sum_(0<j<=n) v_j q_(n-j)) / v_0: one operation from the newest of u on. v_n q_0 stays as large as u_n,
+        where q_0 / v_0 may be below the smallest number."""
         above, below = self.parts(x)
         inverse, newest = self.over(1.0, self.value(below, 0)), self.value(above, n)
         if n == 0:
             return self.summed([], [(newest, inverse)])
-        known = self.convolution(n, self._of(below), self._of(x), [])
-        minus, first = self.scaled(-1.0, inverse), self.value(x, 0)
-        back = None if first is None else self.sum_of([(first, minus)])
-        return self.summed([], [(newest, inverse), (known, minus), (self.value(below, n), back)])
+        known = self.convolution(n, self._of(below), self._of(x), [(self.value(below, n), self.value(x, 0))])
+        return self.summed([], [(newest, inverse), (known, self.scaled(-1.0, inverse))])
 
     def log_rate(self, x: X, n: int) -> Any:
         """n times coefficient n of log u: (n u_n - sum_(0<j<n) (j l_j) u_(n-j)) / u_0."""

@@ -59,6 +59,8 @@ def discrete_gradient(
             edges[node.number] = Edge(node, ZERO)
             continue
         ends = [edges[a.number] for a in node.args]
+        if node.op == "exp" and degrees[node.args[0].number] > 1.0:  # from far away it rises by more than a number can
+            ends = [replace(ends[0], at_end=ends[0].end)]
         value = rebuild(node.op, tuple(edge.value for edge in ends), node.value)
         degrees[node.number] = _degree(node, [degrees.get(a.number, 0.0) for a in node.args])
         grows = degrees[node.number] > FEW
@@ -156,7 +158,9 @@ def divided_differences(node: Symbol, edges: Sequence[Edge], value: Symbol) -> t
         of_log = _of_function("log", x)
         log = Edge(x.value.log(), of_log * x.step)
         by_base, by_exponent = y.middle * of_log, log.middle
-        outer = value * ONE.make("phi", by_base * x.step + by_exponent * y.step)
+        change = by_base * x.step + by_exponent * y.step
+        fixed = is_const(y.step, 0.0)
+        outer = value * ONE.make("phi", change) if fixed else ops.exp_slope(value, x.end**y.end, change)
         return outer * by_base, outer * by_exponent
     rule = ops.OPERATIONS[op].difference if op in ops.OPERATIONS else None
     if len(edges) == 2 and callable(rule):

@@ -169,16 +169,17 @@ class Corners(Choosing):
 
     def exp(self) -> Corners:
         # the value at each corner follows from the slopes, so that every exponential is one phi away from the first
-        e00, phi = self.value.exp(), partial(Symbol.make, "phi")
+        e00, ends = self.value.exp(), tuple(x.exp() for x in self.corners)
+        phi = partial(Symbol.make, "phi")
+        slope = ops.exp_slope if self.ends is not None else lambda start, end, d: start * phi(d)
         x10, x01 = self.dpi * self.pi_at_s0, self.ds * self.s_at_pi0
         x11_pi, x11_s = self.dpi * self.pi_at_s1, self.ds * self.s_at_pi1
-        pi_at_s0 = e00 * phi(x10) * self.pi_at_s0
-        s_at_pi0 = e00 * phi(x01) * self.s_at_pi0
+        pi_at_s0 = slope(e00, ends[0], x10) * self.pi_at_s0
+        s_at_pi0 = slope(e00, ends[1], x01) * self.s_at_pi0
         e10, e01 = e00 + self.dpi * pi_at_s0, e00 + self.ds * s_at_pi0
-        pi_at_s1 = e01 * phi(x11_pi) * self.pi_at_s1
-        s_at_pi1 = e10 * phi(x11_s) * self.s_at_pi1
-        result = self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1])
-        return replace(result, ends=tuple(x.exp() for x in self.corners))
+        pi_at_s1 = slope(e01, ends[2], x11_pi) * self.pi_at_s1
+        s_at_pi1 = slope(e10, ends[2], x11_s) * self.s_at_pi1
+        return replace(self._with(e00, [pi_at_s0, pi_at_s1, s_at_pi0, s_at_pi1]), ends=ends)
 
     def __abs__(self) -> Corners:
         return self._function(ops.OPERATIONS["abs"])
@@ -234,7 +235,7 @@ def factors(a: Symbol, a1: Symbol, b: Symbol, b1: Symbol) -> tuple[Symbol, Symbo
     """
     for x, x1, y, y1 in ((a, a1, b, b1), (b, b1, a, a1)):
         if y.positive or y.op == "recip":
-            below = 1.0 / (y + y1 + ops.TINIER)
+            below = 1.0 / (y + y1 + 1.0 / ops.INFINITE)  # whose square, in the Jacobian, is a number, too
             by_x, by_y = 2.0 * y * (y1 * below), (x * y + x1 * y1) * below
             return (by_x, by_y) if y is b else (by_y, by_x)
     return 0.5 * (b + b1), 0.5 * (a + a1)

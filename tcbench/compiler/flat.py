@@ -37,7 +37,7 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
     """The arguments, each once, for which outputs may be flat on both sides of a place that the variables can pass.
 
     An exponential of an affine function, or of one of logarithms (a power), grows behind the place where it begins to,
-    and is seen from there; in the denominator of a sum it saturates.
+    and is seen from there; in a sum in a denominator it saturates, and so does what falls on both sides of a place.
     """
     nodes, moving = topological(outputs), depends_on(list(outputs), list(variables))
     bent: set[int] = set()
@@ -46,8 +46,7 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
         affine = node.op in AFFINE or (node.op == "mul" and len(args) == 1)
         if args and node.op != "log" and not (affine and all(a.number not in bent for a in args)):
             bent.add(node.number)
-    sums = [x for node in nodes if node.op == "recip" for x in node.args if x.op in ("add", "sub")]
-    saturating = {x.number for x in topological(sums)}
+    saturating = _saturating(nodes, bent)
     sides: dict[Symbol, bool] = {}
     for node in nodes:
         if node.number not in moving:
@@ -62,3 +61,21 @@ def flat_away(outputs: Sequence[Symbol], variables: Iterable[Symbol]) -> list[Ar
         if node.op == "tanh" or node.number in saturating or node.args[-1].number in bent:
             sides[u] = sides.get(u, False) or both
     return [Argument(u, both) for u, both in sides.items()]
+
+
+def _saturating(nodes: Iterable[Symbol], bent: set[int]) -> set[int]:
+    """Numbers of the exponentials that saturate in denominators, and of those that are large there on both sides."""
+    below = [x.args[0] for x in nodes if x.op == "recip" or (x.op == "pow" and not (x.args[1].value or -1.0) > 0.0)]
+    sums, seen = [], set()
+    while below:
+        x = below.pop()
+        if x.number in seen:
+            continue
+        seen.add(x.number)
+        if x.op in ("add", "sub"):
+            sums.append(x)
+        elif x.op not in EXPONENTIALS:
+            below.extend(x.args)
+        elif x.op in ("sinh", "cosh") or x.args[0].number in bent:
+            sums.append(x)
+    return {x.number for x in topological(sums)}

@@ -109,6 +109,11 @@ def _sinhc(x: Any) -> Any:
     return 0.5 * (x.make("phi", x) + x.make("phi", -x))
 
 
+def exp_slope(start: Any, end: Any, d: Any) -> Any:
+    """(exp(b) - exp(a))/d, d = b - a, of both exponentials: from the end where the first may be 0 and phi infinite."""
+    return d.make("unless_far", start, end, d) * d.make("phi", d.make("unless_far", d, -d, d))
+
+
 def _turned(rate: Rule, ratio: Rule) -> Rule:
     """sin b - sin a = 2 cos((a + b)/2) sin((b - a)/2); so the cosine, and with `_sinhc` the hyperbolic ones."""
     return lambda a, b, d: rate(0.5 * (a + b)) * ratio(0.5 * d)
@@ -181,6 +186,7 @@ _ROWS = (
     _elementary("hypot", _hypot_slopes, rooted=True, arguments=2, same="sqrt(x * x + z * z)", difference=_lengthened),
     _elementary("pow", _power_slopes, "power", rooted=True, arguments=2, positive=1, same="exp(z * log(x))"),
     _special("phi", lambda y, x: (x.make("dphi", x),), with_slope="dphi"),
+    _special("unless_far", lambda y, x, z, d: (*(d.make("unless_far", i, 1.0 - i, d) for i in (1.0, 0.0)), 0.0)),
     _special("lam", lambda y, x: (x.make("dlam", x),), with_slope="dlam"),
     _special("sinc", lambda y, x: (x.make("dsinc", x),), with_slope="dsinc"),
     _special("dphi", lambda y, x: (x.make("phi_slope", 2.0, x),)),

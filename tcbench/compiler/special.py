@@ -15,6 +15,7 @@ exp, expm1, log1p, sin, cos, tanh, atan2 = map(of_c, ("exp", "expm1", "log1p", "
 SINC_SERIES = 0.2  # x^2 below this: the first omitted term of sinc is 0.2^7/15! = 1e-17, of its slope 4e-15
 NEGLIGIBLE = 1e-18  # last term of a sum of positive ones, over the sum
 PHI_SERIES = 0.3  # |x| below this: the first omitted term of phi is 0.3^12/13! = 9e-17
+FAR = 300.0  # exponents: exp(FAR) is far below the largest number, exp(-FAR) nothing beside 1
 LAM_TAYLOR = 0.05  # |x| below this: the first omitted term of lam is 0.05^12/13 = 2e-17
 LAM_SERIES = 0.14  # |x/(2 + x)| below this: the first omitted term of lam is 0.14^18/19 = 2e-17
 
@@ -42,6 +43,11 @@ def phi_pair(x: float) -> tuple[float, float]:
         return value, value - psi
     value = expm1(x) / x
     return value, value - (value - 1.0) / x
+
+
+def unless_far(x: float, z: float, d: float) -> float:
+    """x; z where d is an increment of which phi may be infinite."""
+    return x if d < FAR else z
 
 
 def _artanh_tail(u: float) -> float:

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler import kernels as emit
+from tcbench.compiler.ops import exp_slope
+from tcbench.compiler.special import FAR
 from tcbench.errors import TraceError
 
 
@@ -24,6 +26,7 @@ def evaluate(outputs, inputs, values):
     functions["hypot"] = lambda x, y: cmath.sqrt(x * x + y * y)
     functions["expm1"] = lambda x: cmath.exp(x) - 1
     functions["log1p"] = lambda x: cmath.log(1 + x)
+    functions["unless_far"] = lambda x, z, d: x if complex(d).real < FAR else z
     functions["phi"] = lambda x: (cmath.exp(x) - 1) / x
     functions["lam"] = lambda x: cmath.log(1 + x) / x
     functions["dphi"] = lambda x: (1 + (x - 1) * cmath.exp(x)) / x**2
@@ -114,3 +117,15 @@ def test_a_formula_with_nan_is_refused_with_its_line_and_no_warning_of_numpy(val
     with pytest.raises(TraceError, match=r"test_derivatives.py, line \d+: the formula contains NaN\.$"):
         trace.variables("x", 2) * value
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("d", [1e-3, -40.0, 299.0, 301.0, 650.0])
+def test_slopes_of_exponentials_from_either_end_have_their_derivatives(d):
+    """By complex step, and compiled against Python."""
+    x = trace.variables("x", 2)
+    slope = exp_slope(x[0].exp(), x[1].exp(), x[1] - x[0])
+    outputs, at = [slope, *trace.jacobian([slope], list(x))[0]], np.array([-300.0, d - 300.0])
+    found = emit.kernel({x[0]: "a[0]", x[1]: "a[1]"}, outputs)(at, np.zeros(1))
+    value = (math.exp(at[1]) - math.exp(at[0])) / (at[1] - at[0])
+    steps = [evaluate([slope], list(x), [*(at + 1e-30j * (np.arange(2) == i))])[0].imag / 1e-30 for i in range(2)]
+    np.testing.assert_allclose(found, [value, *steps], rtol=1e-11 if abs(d) > 1.0 else 1e-9)

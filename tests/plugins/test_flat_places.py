@@ -7,7 +7,9 @@ from scipy.integrate import solve_ivp
 
 import tcbench
 from tcbench import Scenario, System
+from tcbench.compiler.chain_rule import discrete_gradient
 from tcbench.compiler.flat import flat_away
+from tcbench.compiler.kernels import kernel
 from tcbench.compiler.symbols import variable
 
 BUMPS = {
@@ -17,6 +19,7 @@ BUMPS = {
     "saturating": lambda x: 1 - np.tanh(x**2),
     "a distance": lambda x: np.exp(1 - np.sqrt(x**2 + 1)),
     "choice": lambda x: np.maximum(np.exp(-(x**2)) - 0.3, 0.0),
+    "two tops": lambda x: np.exp(-((x**2 - 1) ** 2)),
 }
 SPREAD = 1e-3  # of starts over a space
 
@@ -90,6 +93,7 @@ def test_which_arguments_are_looked_at():
     assert of((-(x * x)).exp(), (x * y).exp()) == [False, False]
     assert of(x.tanh()) == [True] and of(1.0 / (1.0 + x.exp())) == [True] and of(1.0 / x.exp()) == []
     assert of(c ** (x * y)) == [False]
+    assert of(1.0 / x.cosh()) == of(1.0 / x.cosh() ** 2) == of(1.0 / (x * x).exp()) == [True]
 
 
 def rubbing(speed):
@@ -141,3 +145,69 @@ def test_nor_do_halves_of_a_method_that_reads_no_rates_at_its_ends(form):
     method = tcbench.plugins.find_integrator("controlled[method=tc_monolithic]")
     states, _ = method.adaptive(made.model, made.z0.copy(), at, 1e-4, 1e-4)
     assert np.abs(states[-1][:2] - truth(form, 0.01, 0.0)).max() < 1e-3
+
+
+HILLS = {
+    "sech": lambda x: 0.3 / np.cosh(x),
+    "its square": lambda x: 0.3 / np.cosh(x) ** 2,
+    "saturating": lambda x: 0.3 * np.exp(-(x**2)) / (1 + np.exp(-(x**2))),
+    "a cube": lambda x: 0.3 * np.exp(-(x**2)) ** 3,
+    "far apart": lambda x: 5e3 * np.exp(-((x - 2) ** 2)) * np.exp(-((x + 2) ** 2)),
+    "a quotient": lambda x: 0.2 * (np.exp(x) - np.exp(-x)) / (np.exp(x) + np.exp(-x)),
+    "two tops": lambda x: 0.3 * np.exp(-((x**2 - 1) ** 2)),
+}
+HALVES = "controlled[method=tc_monolithic]"
+
+
+@pytest.mark.parametrize(
+    ("form", "width", "method", "tolerance"),
+    [
+        ("sech", 0.02, HALVES, 1e-6),
+        ("its square", 0.02, "tc_gauss_adaptive", 1e-6),
+        ("its square", 0.02, HALVES, 1e-6),
+        ("saturating", 0.003, "tc_gauss_adaptive", 1e-9),
+        ("a cube", 0.004, "tc_gauss_adaptive", 1e-9),
+        ("a cube", 0.004, HALVES, 1e-3),
+        ("far apart", 0.01, HALVES, 1e-6),
+        ("a quotient", 0.02, "tc_taylor", 1e-6),
+        ("a quotient", 0.02, "tc_auto", 1e-6),
+        ("two tops", 0.01, HALVES, 1e-3),
+    ],
+)
+def test_hills_whose_exponentials_vanish_or_overflow_far_away_are_met(form, width, method, tolerance):
+    """Hundreds of widths away 1/cosh is 1e-108 and the square of a Gaussian nothing: silent errors of 1e-3 to 3e-2, and
+    runs that ended at their first step."""
+    hill = HILLS[form]
+
+    class Hill(System):
+        variables = {"q": (), "p": (), "s": ()}
+        constants = {"width": ()}
+
+        def energy(self, z):
+            return z.p**2 / 2 + hill((z.q - 5.03) / self.width) + z.s
+
+        def entropy(self, z):
+            return z.s
+
+        def reversible(self, z, dE, dS):
+            return {"q": dE.p, "p": -dE.q}
+
+    def rates(t, y):
+        return [y[1], -hill((y[0] - 5.03 + 1e-30j) / width).imag / 1e-30]
+
+    made = Scenario("hill", Hill, {"width": width}, initial={"q": 0.0, "p": 1.0, "s": 0.0}, t_end=10.0, dt=0.1)
+    exact = solve_ivp(rates, (0.0, 10.0), [0.0, 1.0], "DOP853", rtol=1e-11, atol=1e-12, max_step=width / 2).y[:, -1]
+    run = tcbench.simulate(method, made, tolerance=tolerance, times=[10.0])
+    assert run.ok, run.failure
+    assert np.abs(run.z[-1][:2] - exact).max() < max(30 * tolerance, 3e-9)
+
+
+@pytest.mark.parametrize("form", HILLS)
+def test_a_discrete_gradient_reaches_a_hill_from_where_it_is_nothing(form):
+    """exp(a) of a = -700 and less is 0, and exp(b - a) infinite: their product, exp(b), was NaN."""
+    hill, x = HILLS[form], variable("x")
+    for start, end in [(-60.0, -1.0), (-40.0, 0.5), (-31.0, -30.0), (0.7, 45.0), (-50.0, 50.0)]:
+        y = variable("y")
+        found = discrete_gradient(hill(x), [x], [x], [y - x])[0]
+        change = (end - start) * kernel({x: "a[0]", y: "a[1]"}, [found])(np.array([start, end]), np.zeros(1))[0]
+        assert change == pytest.approx(hill(end) - hill(start), rel=1e-11, abs=1e-16), (start, end)
