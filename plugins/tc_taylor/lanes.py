@@ -163,10 +163,22 @@ class Gathering:
         if not products:
             return None
         when = {product: max(map(self.known, product)) for product in products}
-        ordered, ready = sorted(products, key=lambda product: when[product]), 0
-        for product in ordered:
-            ready = max(ready, when[product]) + 1
-        return self.name(" + ".join(map(" * ".join, ordered)), ready)
+        ordered = sorted(products, key=lambda product: when[product])
+
+        def chains(count: int) -> tuple[int, list[list[str]]]:
+            """So many sums, each term in the one that is known first; and when their sum is."""
+            sums, known = [[] for _ in range(count)], [0] * count
+            for product in ordered:
+                i = min(range(count), key=lambda i: known[i])
+                known[i] = max(known[i], when[product]) + 1
+                sums[i].append(" * ".join(product))
+            return max(known) + count - 1, sums
+
+        ready, sums = chains(1)
+        if len(ordered) > 2 and (other := chains(2))[0] < ready - 1:
+            ready, sums = other
+        texts = [" + ".join(x) for x in sums]
+        return self.name(texts[0] if len(texts) == 1 else " + ".join(f"({x})" for x in texts), ready)
 
     def lane(self, name: str, width: int, lane: int) -> str:
         return name if width == 1 else f"{name}[{lane}]"

@@ -10,9 +10,11 @@ from collections.abc import Hashable, Sequence
 from tcbench.compiler import derivatives as trace
 from tcbench.compiler.derivatives import Symbol
 
-from .lanes import Gathering, Pack, Packs, Term
+from .lanes import Gathering, Pack, Packs, Term, slots_of
 from .recurrences import Recurrences
 from .series import ONE, Series
+
+THROUGH = 2  # a position comes from a velocity, which comes from a force
 
 
 class Writer(Gathering, Recurrences[Pack]):
@@ -65,7 +67,8 @@ class Writer(Gathering, Recurrences[Pack]):
             if len({self.packs.steps(x) for x in pack}) == 1:  # else some lanes may be wanted before others are known
                 for lane, x in enumerate(pack):
                     self.operands.setdefault(id(x), (pack, lane))
-            return self.total([self.terms(x, n, pack) for x in pack])
+            near, far = ([self.terms(x, n, pack, through=way) for x in pack] for way in (0, THROUGH))
+            return self.total(far if len(slots_of(far)) <= len(slots_of(near)) else near)
 
         return self.once(pack, n, "", make)
 
@@ -74,13 +77,18 @@ class Writer(Gathering, Recurrences[Pack]):
         key = self.key(pack, n, "")
         return key in self.begun and key not in self.made
 
-    def terms(self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE) -> list[Term]:
-        """weight times coefficient n of a series, as terms of packs. of: the pack that is being made, in which a sum
-        may stand beside one of its own parts."""
+    def terms(self, x: Series, n: int, of: Pack = (), weight: Symbol = ONE, through: int = 0) -> list[Term]:
+        """weight times coefficient n of a series, as terms of packs. of: the pack that is being made, in
+        which a sum may stand beside one of its own parts.
+
+        through: with variables as what they come from, which is known earlier, so many times.
+        """
         if n and x.constant:
             return []
         log = x.parts[0] if x.kind == "D" and x.parts[0].kind == "log" else x
         known = self.packs.home.get(id(log)) or self.operands.get(id(x))
+        if through and x.kind == "var" and n:
+            return self.terms(self.rate[x.index], n - 1, (), trace.mul(weight, trace.const(1.0 / n)), through - 1)
         if log is not x and known:
             return self._term(self.log_rate(known[0], n + 1), *known, weight)
         if x.kind == "log" and known and n:
@@ -88,9 +96,9 @@ class Writer(Gathering, Recurrences[Pack]):
         if known and known[0] != of and not self._is_begun(known[0], n):
             return self._term(self.value(known[0], n), *known, weight)
         if x.kind == "D":
-            return self.terms(x.parts[0], n + 1, (), trace.mul(weight, trace.const(n + 1.0)))
+            return self.terms(x.parts[0], n + 1, (), trace.mul(weight, trace.const(n + 1.0)), through)
         found = [term for y, w in zip(x.parts, x.weights, strict=False)
-                 for term in self.terms(y, n, of, trace.mul(weight, w))]  # fmt: skip
+                 for term in self.terms(y, n, of, trace.mul(weight, w), through)]  # fmt: skip
         constant = trace.mul(weight, x.weights[-1])
         return found if n or trace.is_const(constant, 0.0) else [*found, Term(constant)]
 
