@@ -9,6 +9,8 @@ import sys
 import pytest
 from hypothesis import settings
 
+import tcbench.plugins  # noqa: F401 # tests look names up in it, whichever of them comes first
+
 if (
     signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 ):  # begun in the background of a shell: tests of interrupts would hang

@@ -130,7 +130,7 @@ def turn(u: float, v: float, slope: float, last: float) -> float:
         return part if part >= 0.0 else 0.5  # of what is no number
     way = 1.0 if u > 0.0 else -1.0
     down, up = STEEPER * way * slope, STEEPER * way * last
-    if down < 0.0 and up > 0.0 and way * u + down * (way * (v - u) - up) / (down - up) < 0.0:
+    if down < 0.0 and up > 0.0 and meeting(way * u, way * v, down, up)[1] < 0.0:
         return down / (down - up)
     leaves = u == 0.0 or (down >= 0.0 and up >= 0.0 and way * (v - u) >= 0.0)
     return UNSEEN if not leaves and abs(v - u - 0.5 * (slope + last)) > min(abs(u), abs(v)) else -1.0
@@ -138,7 +138,8 @@ def turn(u: float, v: float, slope: float, last: float) -> float:
 
 def is_hidden(w: Work, before: Floats, after: Floats, i: int, h: float) -> bool:
     """Does number i, positive where rates are not flat, become positive between two states and larger than at both by
-    RISE, so that these show nothing of what is there? Arguments as of `jump_between`."""
+    RISE, so that these show nothing of what is there? Or is it flat at one of them, and more than FAINT at the other?
+    Arguments as of `jump_between`."""
     n = w.n_kinks // 2
     if min(before[i], after[i]) < 0.0 and max(before[i], after[i]) > FAINT:
         return True
@@ -163,8 +164,16 @@ def summit(u: float, v: float, slope: float, last: float, seen: float) -> float:
     `turn`. -1: it stays below 0 or below `seen`, also under lines STEEPER than its slopes."""
     if not (slope > 0.0 and last < 0.0):
         return -1.0
-    x = (STEEPER * last - v + u) / (STEEPER * (last - slope))
-    return min(max(x, 0.1), 0.9) if u + STEEPER * slope * x > max(seen, 0.0) else -1.0
+    x, top = meeting(u, v, STEEPER * slope, STEEPER * last)
+    return min(max(x, 0.1), 0.9) if top > max(seen, 0.0) else -1.0
+
+
+def meeting(u: float, v: float, slope: float, last: float) -> tuple[float, float]:
+    """Where two lines meet, one that begins at u and one that ends at v, as a part of the interval, and the value there.
+    slope, last : of the lines, times the interval's length. The value is taken from the smaller end: beside 1e30 at the
+    other nothing would be left of its digits."""
+    x = (u - v + last) / (last - slope)
+    return x, u + slope * x if abs(u) < abs(v) else v - last * (1.0 - x)
 
 
 def defect_between(w: Work, before: Floats, after: Floats, s: float, h: float) -> float:

@@ -63,6 +63,11 @@ class GaussMethod(Lending):
         self.marches = False
         return self.march(z, h, 1)[0]
 
+    @property
+    def divided(self) -> bool:
+        """Was the last of these steps taken in parts (`march.halving_step`)?"""
+        return int(self.counts.table[0]) > 1
+
     def adaptive(self, z0: Floats, times: Floats, tolerance: float) -> tuple[Floats, dict[str, int]]:
         """States at `times`, and what they cost."""
         self.begin(z0, times)

@@ -110,7 +110,8 @@ def _sinhc(x: Any) -> Any:
 
 
 def exp_slope(start: Any, end: Any, d: Any) -> Any:
-    """(exp(b) - exp(a))/d, d = b - a, of both exponentials: from the end where the first may be 0 and phi infinite."""
+    """(exp(b) - exp(a))/d by start = exp(a), end = exp(b) and d = b - a: start phi(d); end phi(-d) where d is so large
+    that start may be 0 and phi(d) infinite."""
     return d.make("unless_far", start, end, d) * d.make("phi", d.make("unless_far", d, -d, d))
 
 

@@ -46,7 +46,7 @@ def phi_pair(x: float) -> tuple[float, float]:
 
 
 def unless_far(x: float, z: float, d: float) -> float:
-    """x; z where d is an increment of which phi may be infinite."""
+    """x where d < FAR, else z: phi(d) of a larger increment d of an exponent may be infinite."""
     return x if d < FAR else z
 
 

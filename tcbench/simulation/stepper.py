@@ -100,6 +100,12 @@ class Stepper:
         """Newton iterations so far; 0 where the method solves by itself."""
         return 0 if self._ready is None else self._ready.tally.iterations
 
+    @property
+    def divided(self) -> bool:
+        """Did the method take its last step in parts, as what its `step` holds for a run says by `divided`? Two steps of
+        half the length may consist of the same parts: they do not tell what it errs by."""
+        return any(getattr(held, "divided", False) for held in self._held)
+
     def __call__(self, z: Any, h: float) -> State:
         expect("A step", {"h": h}, {"h": "a number"})
         try:

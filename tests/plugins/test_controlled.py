@@ -6,7 +6,7 @@ from mechanics import OfEntropies
 from tcbench_plugins.controlled import controlled
 
 import tcbench
-from tcbench import Integrator, Scenario, TcbenchError
+from tcbench import Integrator, Scenario, System, TcbenchError
 from tcbench.reference.lookup import reference_for
 
 
@@ -26,6 +26,33 @@ def test_the_tolerance_and_the_laws_are_kept(method, scenario):
         steps.append(run.steps)
     if method != "controlled":  # order two: a hundredth of the tolerance, ten times the steps
         assert 5 < steps[1] / steps[0] < 20, steps
+
+
+class Cage(System):
+    """A particle that flies between two hard walls."""
+
+    variables = {"q": (), "p": (), "s": ()}
+    constants = {"power": ()}
+
+    def energy(self, z):
+        return z.p**2 / 2 + z.q**-self.power + (8 - z.q) ** -self.power + z.s
+
+    def entropy(self, z):
+        return z.s
+
+    def reversible(self, z, dE, dS):
+        return {"q": dE.p, "p": -dE.q}
+
+
+@pytest.mark.parametrize("power", [12, 18])
+def test_a_step_that_the_method_takes_in_parts_says_nothing_of_its_error(power):
+    """tc_gauss halves steps that it cannot solve: the whole one and two of half the length were the same parts, and
+    differed by a thousandth of what both missed."""
+    cage = Scenario("cage", Cage, {"power": power}, initial={"q": 4.0, "p": -8.0, "s": 0.0}, t_end=29.7, dt=0.1)
+    exact = tcbench.simulate("tc_taylor", cage, tolerance=1e-12, times=[29.7]).z[-1]
+    for tolerance in (1e-5, 1e-6):
+        run = tcbench.simulate("controlled", cage, tolerance=tolerance, times=[29.7])
+        assert run.ok and np.abs(run.z[-1] - exact).max() < 50 * tolerance  # each collision adds to it
 
 
 def test_a_method_without_the_laws_keeps_the_tolerance_and_claims_nothing():

@@ -142,7 +142,7 @@ def test_dry_friction_made_smooth_by_tanh_is_right_at_any_speed(speed):
 def test_nor_do_halves_of_a_method_that_reads_no_rates_at_its_ends(form):
     """From the shoulder of a bump, whose exponent is no larger further on, tc_monolithic's midpoints lie behind it."""
     made, at = scenario(form, 0.01), np.array([0.0, 10.0])
-    method = tcbench.plugins.find_integrator("controlled[method=tc_monolithic]")
+    method = tcbench.plugins.find_integrator(HALVES)
     states, _ = method.adaptive(made.model, made.z0.copy(), at, 1e-4, 1e-4)
     assert np.abs(states[-1][:2] - truth(form, 0.01, 0.0)).max() < 1e-3
 
@@ -155,6 +155,7 @@ HILLS = {
     "far apart": lambda x: 5e3 * np.exp(-((x - 2) ** 2)) * np.exp(-((x + 2) ** 2)),
     "a quotient": lambda x: 0.2 * (np.exp(x) - np.exp(-x)) / (np.exp(x) + np.exp(-x)),
     "two tops": lambda x: 0.3 * np.exp(-((x**2 - 1) ** 2)),
+    "steep walls": lambda x: 0.3 * np.exp(1 - np.cosh(x)),
 }
 HALVES = "controlled[method=tc_monolithic]"
 
@@ -172,6 +173,7 @@ HALVES = "controlled[method=tc_monolithic]"
         ("a quotient", 0.02, "tc_taylor", 1e-6),
         ("a quotient", 0.02, "tc_auto", 1e-6),
         ("two tops", 0.01, HALVES, 1e-3),
+        ("steep walls", 0.02, HALVES, 1e-6),
     ],
 )
 def test_hills_whose_exponentials_vanish_or_overflow_far_away_are_met(form, width, method, tolerance):
