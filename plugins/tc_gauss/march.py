@@ -169,9 +169,11 @@ def summit(u: float, v: float, slope: float, last: float, seen: float) -> float:
 
 
 def meeting(u: float, v: float, slope: float, last: float) -> tuple[float, float]:
-    """Where two lines meet, one that begins at u and one that ends at v, as a part of the interval, and the value there.
-    slope, last : of the lines, times the interval's length. The value is taken from the smaller end: beside 1e30 at the
-    other nothing would be left of its digits."""
+    """Where a line from u at the beginning meets one to v at the end, as a part of the interval, and the value there.
+
+    slope, last : of the lines, times the interval's length. The value is computed from the smaller end: beside 1e30 at
+    the other nothing would be left of its digits.
+    """
     x = (u - v + last) / (last - slope)
     return x, u + slope * x if abs(u) < abs(v) else v - last * (1.0 - x)
 

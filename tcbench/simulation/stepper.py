@@ -102,8 +102,8 @@ class Stepper:
 
     @property
     def divided(self) -> bool:
-        """Did the method take its last step in parts, as what its `step` holds for a run says by `divided`? Two steps of
-        half the length may consist of the same parts: they do not tell what it errs by."""
+        """Did the method take its last step in parts, as what its `step` holds for a run says by `divided`? Two steps
+        of half the length may consist of the same parts: they do not tell what it errs by."""
         return any(getattr(held, "divided", False) for held in self._held)
 
     def __call__(self, z: Any, h: float) -> State:
