@@ -132,9 +132,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
             left = end - t
             tried = left if left < 1.01 * h else min(h, left / 2)
             try:
-                full = step(z, tried)
-                if step.divided:
-                    raise ArithmeticError(f"{step.method.name} takes it in parts of its own")
+                full, divided = step(z, tried), step.divided
                 half = step(z, tried / 2)
                 twice = step(half, tried / 2)
                 gap, size = np.abs(twice - full), np.maximum(np.abs(z), np.abs(twice))
@@ -142,7 +140,7 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                 if (gap <= ALIKE * digits).all():  # exact, or two steps that are one in disguise
                     uneven = np.abs(step(step(z, UNEVEN * tried), tried - UNEVEN * tried) - twice)
                     gap = np.where(uneven > ALIKE * digits, (2**order - 1) * uneven, gap)
-                why = "they err by more than the tolerance"
+                why = f"{step.method.name} takes them in parts" if divided else "they err by more than the tolerance"
                 share = tried if kinks is None else max(tried, LEAST_SHARE * whole)  # behind a kink steps begin short
                 sizes, jumps = atol + rtol * size, list[float]()
                 error = float((gap / sizes).max()) / (2**order - 1) * whole / share
@@ -153,8 +151,8 @@ def doubling(step: Any, z: Any, times: Any, rtol: float, atol: float):
                     jumps = [x for x in found if x is not None]
                 kink = bool(jumps)
                 turned = turned + 1 if kink else 0
-                error = max([error, *jumps])  # no method has its order there
-                rounded = not kink and bool((gap <= digits).all())
+                error = np.inf if divided else max([error, *jumps])  # no method has its order at a kink
+                rounded = not kink and not divided and bool((gap <= digits).all())
             except ArithmeticError as failed:
                 error, why, rounded, kink = np.inf, str(failed), False, False
             proposed = tried * min(GROW, max(SHRINK, SAFETY * (error + NOT_ZERO) ** (-1 / (2 if kink else order))))
